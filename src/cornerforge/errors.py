@@ -38,8 +38,19 @@ __all__ = [
 ]
 
 
+_LONGEST = 2_000
+"""Most characters of a message: names in it come from users and files, and can be of any length."""
+
+
 class CornerForgeError(Exception):
-    """Base of everything that a user can cause and mend."""
+    """Base of everything that a user can cause and mend; its text is one line that can be printed anywhere."""
+
+    def __str__(self) -> str:
+        text = super().__str__()
+        half = (_LONGEST - 5) // 2
+        if len(text) > _LONGEST:
+            text = f"{text[:half]} ... {text[-half:]}"
+        return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
 
 
 class InputError(CornerForgeError, ValueError):
@@ -57,7 +68,7 @@ class UnknownNameError(InputError):
 
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
         names = sorted(known)
-        near = difflib.get_close_matches(name, names, n=1, cutoff=0.4)
+        near = difflib.get_close_matches(str(name)[:200], names, n=1, cutoff=0.4)
         hint = f'Did you mean "{near[0]}"?' if near else f"Known: {', '.join(names)}."
         super().__init__(f'No {kind} "{name}". {hint}')
 

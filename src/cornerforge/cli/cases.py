@@ -356,6 +356,8 @@ def query(
     sql: Annotated[
         str, typer.Argument(metavar="SQL", help="Such as: select crash_time_s from cases", show_default=False)
     ],
+    seconds: Annotated[float, typer.Option(help="Longest time that the answer may take.")] = 10.0,
+    megabytes: Annotated[int, typer.Option(help="Most memory that the answer may take.")] = 512,
     seed: IdleSeed = 0,
     threads: IdleThreads = None,
     out: JsonFile = None,
@@ -368,7 +370,10 @@ def query(
     def text(r: Queried) -> str:
         return "\n".join("\t".join(map(str, row)) for row in [r.columns, *r.rows])
 
-    run_command(lambda bars: cornerforge.query(library, sql), text, as_json=as_json, quiet=quiet, out=out)  # noqa: ARG005
+    run_command(
+        lambda bars: cornerforge.query(library, sql, seconds=seconds, megabytes=megabytes),  # noqa: ARG005
+        text, as_json=as_json, quiet=quiet, out=out,
+    )  # fmt: skip
 
 
 @command("cornerforge verify out/demo", "cornerforge verify model.npz policy.safetensors")

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cornerforge._arguments import checked
 from cornerforge._locks import claims
 from cornerforge._objects import object_fault
 from cornerforge._table_checks import read_parquet
@@ -18,7 +19,7 @@ from cornerforge.fields import REALS
 from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.manifest import MANIFEST
-from cornerforge.library.query import run_sql
+from cornerforge.library.query import MEGABYTES, SECONDS, run_sql
 from cornerforge.pictures.moments import partner_of
 from cornerforge.pipeline.generate import MODEL_FILE, policy_file
 from cornerforge.pipeline.output import code_hash
@@ -131,6 +132,7 @@ def driver_of_cases(run: Experiment) -> Callable[[StoredCase], Scenario]:
     return again
 
 
+@checked
 @claims()
 def replay(
     library: Path | str,
@@ -221,23 +223,27 @@ def _why_different(cases: CaseLibrary, run: Experiment, driven: Scenario) -> str
     return None
 
 
-def query(library: Path | str, sql: str) -> Queried:
+@checked
+def query(library: Path | str, sql: str, *, seconds: float = SECONDS, megabytes: int = MEGABYTES) -> Queried:
     """Run SQL on a library, or on the cases of an analysis (table `cases`, key `case_id`), read only.
 
     Args:
         library: The library's folder, or the folder of an analysis: the table is then its `cases.parquet`.
         sql: One SELECT.
+        seconds: Longest time for the answer [s], 0.1 to 86,400.
+        megabytes: Most memory for it, 16 to 1,048,576.
 
     Raises:
-        CornerForgeError: There is neither, it cannot be read, or the SQL is wrong.
+        CornerForgeError: There is neither, it cannot be read, the SQL is wrong, or needs more than it may.
     """
     folder = Path(library)
     analysed = folder / _ANALYSED
     if not (folder / MANIFEST).exists() and analysed.is_file():
-        columns, rows = run_sql(read_parquet(analysed, "cornerforge analyse"), sql)
+        table = read_parquet(analysed, "cornerforge analyse")
+        columns, rows = run_sql(table, sql, seconds=seconds, megabytes=megabytes)
     else:
         _point_below(folder)
-        columns, rows = CaseLibrary.open(folder).query(sql)
+        columns, rows = CaseLibrary.open(folder).query(sql, seconds=seconds, megabytes=megabytes)
     return Queried(columns=tuple(columns), rows=tuple(tuple(_plain(value) for value in row) for row in rows))
 
 

@@ -9,6 +9,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer, spoken
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.foreign.answers import controller_of
@@ -150,6 +151,7 @@ class _Bench:
         return np.array(given)
 
 
+@checked
 def check_av(
     *,
     tests: int | None = None,

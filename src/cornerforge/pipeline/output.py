@@ -16,6 +16,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from cornerforge._checks import check_path
 from cornerforge._checksums import read_json, with_checksum
 from cornerforge._files import part_of, reason, writing
 from cornerforge._locks import claim_file, claim_folder, command_line, is_lock
@@ -26,7 +27,6 @@ __all__ = [
     "called_with",
     "check_new_file",
     "check_new_folder",
-    "check_path",
     "code_hash",
     "config_hash",
     "open_output",
@@ -113,18 +113,6 @@ def provenance(identity: Mapping[str, Any], seconds: float | None = None) -> dic
             "python": platform.python_version(),
         },
     }
-
-
-def check_path(path: Path) -> None:
-    """Check that a path is valid text: a file can have another name, but no message or file could hold that name.
-
-    Raises:
-        InputError: The path is no valid text.
-    """
-    try:
-        str(path).encode()
-    except UnicodeEncodeError as error:
-        raise InputError(f"{str(path)!a} is no UTF-8; choose another name.") from error
 
 
 def check_new_folder(folder: Path) -> None:

@@ -13,6 +13,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
 from cornerforge._locks import claims
 from cornerforge.errors import AvFaultError, InputError
@@ -59,6 +60,7 @@ _NO, _YES, _UNKNOWN = 0, 1, -1
 """Did an AV crash in a test?"""
 
 
+@checked
 @claims()
 def retest(
     library: Path | str,

@@ -11,6 +11,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+from cornerforge._arguments import checked
 from cornerforge._locks import claim_folder, claims
 from cornerforge.analysis.shrink import Shrunk
 from cornerforge.analysis.shrink import shrink as shrink_script
@@ -44,6 +45,7 @@ _MEASURES = {
 _LABELS = ("crash_type", "striker", "cause")
 
 
+@checked
 @claims()
 def shrink(
     library: Path | str,

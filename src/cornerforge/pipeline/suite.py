@@ -11,6 +11,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
 from cornerforge._locks import claims
 from cornerforge.analysis.contact import impact_speed
@@ -67,6 +68,7 @@ class _Candidates:
         return np.asarray(np.nansum(self.impact, axis=1) / np.maximum(1, self.crashes.sum(axis=1)))
 
 
+@checked
 @claims()
 def suite_build(
     libraries: Sequence[Path | str] | Path | str,
