@@ -256,11 +256,14 @@ def test_the_file_keeps_the_last_of_it(tmp_path: Path) -> None:
     for k in range(500):
         log.write(f"line {k}\n".encode())
         assert (tmp_path / "av.log").stat().st_size <= 1000
-    lines = (tmp_path / "av.log").read_text(encoding="utf-8").splitlines()
+    said, *lines = (tmp_path / "av.log").read_text(encoding="utf-8").splitlines()
+    assert said == "cornerforge: earlier output is left out; this file holds 1,000 bytes or less"
     assert len(lines) > 40
     assert lines == [f"line {k}" for k in range(500 - len(lines), 500)]
     log.write(b"x" * 5000)
-    assert (tmp_path / "av.log").read_bytes() == b"x" * 500
+    assert (tmp_path / "av.log").read_bytes() == f"{said}\n".encode() + b"x" * 500
+    (tmp_path / "av.log").unlink()
+    assert log.pointer() == ""
 
 
 def test_it_goes_on_in_its_place_and_temporary_files_leave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

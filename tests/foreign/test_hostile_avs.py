@@ -16,8 +16,7 @@ import pytest
 
 import cornerforge
 from cornerforge.cli import main
-from cornerforge.errors import AvFaultError, CornerForgeError
-from cornerforge.foreign import process as process_module
+from cornerforge.errors import CornerForgeError
 from cornerforge.foreign.interpreter import Confines
 from cornerforge.foreign.process import AvFailureError, AvProcess
 from cornerforge.foreign.session import context_of
@@ -70,7 +69,7 @@ HARMLESS = {
     "another stdout": "sys.stdout = sys.stderr = None",
     "another folder": "os.chdir('/')",
     "another environment": "os.environ.clear(); os.environ['PYTHONPATH'] = '/'",
-    "signals": "signal.signal(signal.SIGTERM, signal.SIG_IGN); signal.signal(signal.SIGALRM, signal.SIG_IGN); signal.alarm(1)",
+    "signals": "for n in (2, 14, 15): signal.signal(n, signal.SIG_IGN)\nsignal.alarm(1)",
     "removes logs": "[os.unlink(n) for n in os.listdir('.') if n.endswith('.log')]",
     "children": "live_on()",
     "threads that wait": "threading.Thread(target=time.sleep, args=(1000,)).start()",
@@ -145,7 +144,8 @@ HANGS = {
     "stops itself": "os.kill(os.getpid(), signal.SIGSTOP)",
     "a trickle": (
         "import struct\n"
-        "n = next(n for n in range(3, 64) if os.path.exists(f'/proc/self/fd/{n}') and 'socket' in os.readlink(f'/proc/self/fd/{n}'))\n"
+        "places = [f'/proc/self/fd/{n}' for n in range(3, 64)]\n"
+        "n = next(int(p.split('/')[-1]) for p in places if os.path.exists(p) and 'socket' in os.readlink(p))\n"
         "os.write(n, struct.pack('<cQQ', b'.', 3, 1000))\n"
         "while True: os.write(n, b'x'); time.sleep(0.2)"
     ),
@@ -248,8 +248,11 @@ def test_what_hangs_is_ended_in_time(here: Path, name: str) -> None:
 
 @needs_proc
 @pytest.mark.parametrize("where", ["import", "__init__", "setup"])
-@pytest.mark.parametrize("name", ["exit", "_exit", "segfault", "junk", "closes all", "KeyboardInterrupt", "BaseException", "numpy",
-                                  "children and an end", "a name", "recursion"])  # fmt: skip
+@pytest.mark.parametrize(
+    "name",
+    ["exit", "_exit", "segfault", "junk", "closes all", "KeyboardInterrupt", "BaseException", "numpy",
+     "children and an end", "a name", "recursion"],
+)  # fmt: skip
 def test_what_fails_before_the_first_question_is_named(here: Path, where: str, name: str) -> None:
     (here / "hostile.py").write_text(module(FAULTS[name][0], where), encoding="utf-8")
     with pytest.raises(CornerForgeError) as failure:
@@ -258,3 +261,57 @@ def test_what_fails_before_the_first_question_is_named(here: Path, where: str, n
     assert "hostile" in said
     assert "\n" not in said
     assert said.isprintable()
+
+
+@needs_proc
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_nothing_lives_on_after_a_simulator_that_is_ended(here: Path, sign: signal.Signals) -> None:
+    (here / "hostile.py").write_text(module(HANGS["children"], "act"), encoding="utf-8")
+    source = str(Path(cornerforge.__file__).parents[1])
+    command = [sys.executable, "-m", "cornerforge", "simulate", "--av", "hostile:Av", "--tests", "9"]
+    with subprocess.Popen(
+        command, env={**os.environ, "PYTHONPATH": source}, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    ) as simulator:
+        assert wait_until(lambda: left_behind(here) != [] or simulator.poll() is not None)
+        assert simulator.poll() is None
+        simulator.send_signal(sign)
+        _, said = simulator.communicate()
+    assert b"Traceback" not in said
+    assert wait_until(lambda: left_behind(here) == [])
+
+
+def wait_until(found: Callable[[], bool]) -> bool:
+    for _ in range(1200):
+        if found():
+            return True
+        time.sleep(0.1)
+    return False
+
+
+STRUCK = """
+class Av:
+    def setup(self, context):
+        self.seeds, self.calls = (np.zeros(context.batch, np.int64) for _ in range(2))
+    def reset(self, worlds, seeds):
+        self.seeds[worlds] = seeds
+        self.calls[worlds] = 0
+    def act(self, view):
+        self.calls += 1
+        if ((view[:, 0, 0] == 1) & (self.seeds % 40 == 0) & (self.calls == 21)).any():
+            live_on()
+            os._exit(5)
+        return brake(view)
+"""
+
+
+@needs_proc
+def test_tests_that_it_spoils_are_named_and_counted(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (here / "hostile.py").write_text(BASE + STRUCK, encoding="utf-8")
+    assert main(["simulate", "--av", "hostile:Av", "--tests", "120", "--json", "--out", "lib"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["av_faults"] > 0
+    assert told["tests"] + told["av_faults"] == 120
+    log = (here / "lib" / "av.log").read_text(encoding="utf-8")
+    assert log.count("the AV ended its process (exit status 5)\n") >= told["av_faults"]
+    assert (here / "alive").read_text().split() != []
+    assert left_behind(here) == []

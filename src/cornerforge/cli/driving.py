@@ -222,7 +222,9 @@ def check_av(
                 f"{speed_text(r.does.decisions_per_hour)} training decisions/h; {r.does.advice}"
             )
         lines += [f"what it printed, and its tracebacks: {r.log}"] if r.log else []
-        return "\n".join([f"{r.av} ({r.kind}, {r.hash})", *lines])
+        may = "it has no network and writes nothing" if r.sandbox else "it may do what you may (--av-sandbox)"
+        walls = f"sandbox {'on' if r.sandbox else 'off'}: {may}; memory: {r.memory_gb:.3g} GB a process"
+        return "\n".join([f"{r.av} ({r.kind}, {r.hash})", walls, *lines])
 
     result = run_command(
         lambda bars: cornerforge.check_av(

@@ -20,7 +20,7 @@ from cornerforge.errors import AvFaultError
 from cornerforge.foreign.answers import controller_of
 from cornerforge.foreign.av_log import AvLog
 from cornerforge.foreign.edge_cases import ordinary_views
-from cornerforge.foreign.interpreter import USUAL, Confines
+from cornerforge.foreign.interpreter import USUAL, Confines, note_use
 from cornerforge.foreign.pace import MOST_WORLDS, Pace, announce, choose_batch
 from cornerforge.foreign.process import DEFAULT_TIMEOUT, FIRST_TIMEOUT, AvFailureError, AvProcess
 from cornerforge.foreign.session import AvSession, Steps, context_of
@@ -154,6 +154,7 @@ class ForeignAv:
         self._scripts: OrderedDict[tuple[int, int], NDArray[np.float64]] = OrderedDict()
         self.log = AvLog()
         self._confines = confines
+        note_use(self, spec, confines)
         self._about: dict[str, str] | None = None
         self._closer = f"cornerforge check-av {shlex.quote(spec)}{confines.options()}"
         first = AvSession(spec, self._context, self._road, self.pace, self._started)

@@ -13,6 +13,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import weakref
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +25,8 @@ from cornerforge.foreign import sandbox
 from cornerforge.foreign.programs import PREFIX, is_program
 from cornerforge.foreign.sandbox import HIDDEN, SCRATCH, is_hidden
 
-__all__ = ["MARK", "OLDEST_PYTHON", "USUAL", "Confines", "check_interpreter", "environment", "worker_command"]
+__all__ = ["MARK", "OLDEST_PYTHON", "USUAL", "Confines", "check_interpreter", "environment", "in_use", "note_use",
+           "worker_command"]  # fmt: skip
 
 OLDEST_PYTHON = (3, 9)
 """Oldest Python in which an AV's process runs."""
@@ -100,6 +102,20 @@ class Confines:
 
 USUAL = Confines()
 """The simulator's own Python, half of the machine's memory, no walls."""
+_used: weakref.WeakKeyDictionary[object, tuple[str, Confines]] = weakref.WeakKeyDictionary()
+
+
+def note_use(owner: object, spec: str, confines: Confines) -> None:
+    """Note in what an AV runs, for as long as its owner is there."""
+    _used[owner] = spec, confines
+
+
+def in_use() -> dict[str, dict[str, Any]]:
+    """Say in what the AVs from outside run that are at work, by their names; JSON-compatible."""
+    return {
+        spec: {"sandbox": one.sandbox, "memory_gb": round(one.gigabytes, 3), "python": one.python or sys.executable}
+        for spec, one in list(_used.values())
+    }
 
 
 @functools.cache

@@ -21,6 +21,7 @@ from typing import Any
 from cornerforge._files import part_of, reason, writing
 from cornerforge.errors import FileFormatError, InputError, OutputError
 from cornerforge.execution import code_hash
+from cornerforge.foreign.interpreter import in_use
 
 __all__ = [
     "called_with",
@@ -104,10 +105,12 @@ def provenance(identity: Mapping[str, Any], seconds: float | None = None) -> dic
         identity: What decides the result: seed, hashes, settings.
         seconds: Wall-clock time of the work [s]; None while it is not done.
     """
+    outside = in_use()
     return {
         "cornerforge": version(),
         "command": _command(),
         **_CALL.get(),
+        **({"avs_from_outside": outside} if outside else {}),
         "identity": dict(identity),
         "written": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "seconds": seconds,
