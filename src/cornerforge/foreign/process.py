@@ -98,6 +98,8 @@ def _end(
     """End a process and all processes that it started, and wait until its last words are kept."""
     connection.close()
     line.close()
+    if process.poll() is None:
+        process.send_signal(signal.SIGCONT)  # the AV may have stopped its keeper
     with suppress(subprocess.TimeoutExpired):
         process.wait(timeout=_END_SECONDS)
     if process.returncode != 0:  # its keeper was ended or stopped, or could not end all
@@ -347,8 +349,8 @@ class AvProcess:
         """Say how the process ended, as its keeper says."""
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout=2.0)
-        self._line.setblocking(False)
         try:
+            self._line.setblocking(False)
             said = json.loads(self._line.recv(1000))
         except (OSError, ValueError):  # nothing was said
             if self._process.returncode is None:
