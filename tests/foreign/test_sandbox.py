@@ -71,6 +71,16 @@ class Av:
         raise ValueError("FOUND " + json.dumps(found))
     def act(self, view):
         return np.zeros((len(view), 2))
+class Nested(Av):
+    def __init__(self):
+        code = (
+            "from cornerforge.foreign import interpreter, process\\n"
+            "interpreter._walls = lambda: []\\n"
+            "confines = interpreter.Confines(sandbox=True)\\n"
+            "process.AvProcess('tries:Good', timeout=60.0, first_timeout=60.0, confines=confines)\\n"
+        )
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        raise ValueError("FOUND " + done.stderr.splitlines()[-1])
 class Good(Av):
     def __init__(self):
         pass
@@ -161,6 +171,13 @@ def test_its_results_are_the_same(tries: Path, capsys: pytest.CaptureFixture[str
     capsys.readouterr()
     assert main(["check-av", "tries:Good", "--tests", "2"]) in (0, 1)
     assert "sandbox off: it may do what you may (--av-sandbox); memory: " in capsys.readouterr().out
+
+
+@needs_walls
+def test_walls_that_fail_only_when_it_starts_are_one_line(tries: Path) -> None:  # noqa: ARG001
+    """Behind walls there can be no further ones."""
+    with pytest.raises(InputError, match=r"FOUND .*InputError: The AV's process cannot be started: new namespaces: "):
+        AvProcess("tries:Nested", timeout=60.0, first_timeout=60.0, confines=WALLS)
 
 
 @needs_walls

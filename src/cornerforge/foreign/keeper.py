@@ -195,7 +195,7 @@ def _limit(memory: int) -> None:
 def _refuse(fd: int, error: OSError) -> None:
     """Tell the simulator why there is no AV, and end."""
     with socket.socket(fileno=fd) as connection:
-        number, _, _ = receive(connection)
+        _, number, _ = receive(connection)
         message = f"The AV's process cannot be started: {error.strerror}."
         connection.sendall(pack_json(FAILED, number, {"what": "refused", "message": message, "error": "InputError"}))
     os._exit(_IS_SAID)
