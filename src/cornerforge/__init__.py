@@ -56,6 +56,7 @@ __all__ = [
     "import_cases",
     "init",
     "make_report",
+    "migrate",
     "ndd_fit",
     "ndd_import",
     "ndd_show",
@@ -76,6 +77,7 @@ __all__ = [
     "train",
     "train_av",
     "variety",
+    "verify",
     "write_case_file",
 ]
 
@@ -96,6 +98,7 @@ __getattr__ = door(
         "import_cases": "pipeline.import_cases",
         "init": "pipeline.init",
         "make_report": "pipeline.make_report",
+        "migrate": "pipeline.migrate",
         "ndd_fit": "pipeline.naturalistic",
         "ndd_import": "pipeline.naturalistic",
         "ndd_show": "pipeline.show",
@@ -116,6 +119,7 @@ __getattr__ = door(
         "train": "pipeline.train",
         "train_av": "pipeline.train_av",
         "variety": "pipeline.variety",
+        "verify": "pipeline.verify",
         "write_case_file": "interchange.case_file",
     },
 )

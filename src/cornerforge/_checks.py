@@ -41,7 +41,7 @@ def check_number(name: str, value: float, *, low: float, high: float, unit: str 
     tail = f" {unit}" if unit else ""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise InputError(f"{name} = {value!r} is not a number; allowed: {low} to {high}{tail}.")
-    if not math.isfinite(value) or value < low or value > high:
+    if value < low or value > high or not math.isfinite(value):  # in this order: a whole number may be no float
         raise InputError(f"{name} = {value}{tail} is out of range; allowed: {low} to {high}{tail}.")
     return float(value)
 

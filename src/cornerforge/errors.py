@@ -11,6 +11,7 @@ CornerForgeError                     everything the user can mend; the command l
 ├── EngineError (RuntimeError)        a cluster is not there, broke down, or has other versions
 ├── MissingExtraError (ImportError)  an optional dependency is not installed
 ├── ReplayError (RuntimeError)       a stored case did not happen again
+├── UndrawableError (RuntimeError)   the traffic at the start of a test cannot be drawn from the model
 └── AvFaultError (RuntimeError)      an AV from outside raised, hung, ended, or gave no usable answer
 ```
 """
@@ -31,6 +32,7 @@ __all__ = [
     "MissingExtraError",
     "OutputError",
     "ReplayError",
+    "UndrawableError",
     "UnknownCaseError",
     "UnknownNameError",
 ]
@@ -110,6 +112,10 @@ class MissingExtraError(CornerForgeError, ImportError):
 
 class ReplayError(CornerForgeError, RuntimeError):
     """A stored case, driven again from its seed, did not happen as stored."""
+
+
+class UndrawableError(CornerForgeError, RuntimeError):
+    """The traffic at the start of a test cannot be drawn from the naturalistic model: no result may rest on it."""
 
 
 class AvFaultError(CornerForgeError, RuntimeError):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge.envs.spaces import av_commands
-from cornerforge.errors import InputError, UnknownNameError
+from cornerforge.errors import UnknownNameError
 from cornerforge.foreign.collector import Group
 from cornerforge.pipeline.setting import Experiment
 from cornerforge.sim import (
@@ -36,6 +36,7 @@ from cornerforge.sim import (
     allocate_history,
     allocate_scratch,
     keep_nothing,
+    naming_tests,
     warn_of_left_out,
 )
 from cornerforge.types import FRAME_S
@@ -159,8 +160,11 @@ class Batch(ABC):
 
         Raises:
             InputError: A test and many after it have no BV to control.
+            UndrawableError: The traffic of a test cannot be drawn.
         """
-        self._start(chosen)
+        self.is_over[chosen] = True
+        with naming_tests(self.worlds):
+            self._start(chosen)
         self.outcome[chosen] = RUNNING
         self.is_over[chosen] = False
         self.reward[chosen] = 0.0
@@ -265,12 +269,6 @@ class BvBatch(Batch):
 
         self._share(work)
         self._histories[0].answered[chosen] = 0
-        if (self.tests[chosen] < 0).any():
-            self.is_over[chosen] = True
-            raise InputError(
-                f"There is no background vehicle to control in {agents.MAX_TRIES} tests on end; use a model with more "
-                "traffic."
-            )
 
     def _advance(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None:
         self._agents.chosen[:] = chosen

@@ -36,6 +36,7 @@ from cornerforge.sim import (
     answer_width,
     keep_nothing,
     lockstep,
+    naming_tests,
     statistics,
     warn_of_left_out,
     world_of,
@@ -389,7 +390,8 @@ class ForeignAv:
         while True:
             fresh = lockstep.idle(batch)[: tests.size - begun]
             if fresh.size:
-                lockstep.begin(seed, fresh, tests[begun : begun + fresh.size], setting, batch)
+                with naming_tests(batch.worlds):
+                    lockstep.begin(seed, fresh, tests[begun : begun + fresh.size], setting, batch)
                 answered[fresh] = 0
                 begun += fresh.size
             driving = lockstep.running(batch)

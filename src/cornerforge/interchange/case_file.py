@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._files import reason, writing
+from cornerforge._strict_json import parse
 from cornerforge.drivers.rails import POSE_NUMBERS, X
 from cornerforge.errors import CornerForgeError, FileFormatError, InputError, OutputError
-from cornerforge.interchange._schema_check import parse, wrong
+from cornerforge.interchange._schema_check import wrong
 from cornerforge.interchange.cases import Fact, MovingCase, plain_facts, plain_text, script_of
 from cornerforge.sim import NATURAL, START_FIELDS, SUBSTEPS, Script, n_slots, scripted_start
 from cornerforge.types import CLASSES, FRAME_S, Odd

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
-from pyarrow.fs import LocalFileSystem
 
+from cornerforge._objects import object_fault
+from cornerforge._table_checks import read_parquet
 from cornerforge.adversary.policy_file import load_policy
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.fields import REALS
@@ -23,7 +22,7 @@ from cornerforge.pipeline.generate import MODEL_FILE, policy_file
 from cornerforge.pipeline.output import code_hash
 from cornerforge.pipeline.picture import check_picture, check_video, way_out_of, write_picture, write_video
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.pipeline.setting import Experiment, experiment
+from cornerforge.pipeline.setting import IDENTITY_FIELDS, Experiment, experiment
 from cornerforge.results import Queried, Replayed
 from cornerforge.sim import scenario_digest
 from cornerforge.types import Scenario
@@ -31,7 +30,6 @@ from cornerforge.world_options import AvProcessKeywords, WorldOptions
 
 __all__ = ["SEVERAL", "driver_of_cases", "experiment_of", "experiment_with", "is_same", "query", "replay"]
 
-_NEEDED = ("seed", "odd", "lanes", "bv", "bounded", "budget", "acting", "policies", "policy_hash")
 SEVERAL = "several AVs"
 """The AV of a library whose cases were made by different ones."""
 _ANALYSED = "cases.parquet"
@@ -67,7 +65,9 @@ def experiment_with(
         FileFormatError: A file is missing or is not the one of the library.
     """
     identity = cases.identity
-    _check_told(cases, _NEEDED)
+    fault = object_fault(identity, IDENTITY_FIELDS, "run")
+    if fault is not None:
+        raise FileFormatError(f"The manifest of {cases.path} is damaged: {fault}, so it cannot be driven again.")
     budget = identity["budget"]
     policies = [load_policy(cases.path / policy_file(index)) for index in range(int(str(identity["policies"])))]
     seed = int(str(identity["seed"]))
@@ -230,7 +230,7 @@ def query(library: Path | str, sql: str) -> Queried:
     folder = Path(library)
     analysed = folder / _ANALYSED
     if not (folder / MANIFEST).exists() and analysed.is_file():
-        columns, rows = run_sql(_read_parquet(analysed), sql)
+        columns, rows = run_sql(read_parquet(analysed, "cornerforge analyse"), sql)
     else:
         _point_below(folder)
         columns, rows = CaseLibrary.open(folder).query(sql)
@@ -246,19 +246,6 @@ def _point_below(folder: Path) -> None:
     below = [path for path in (folder / "library", folder / "analysis") if path.is_dir()]
     if below and not (folder / MANIFEST).exists():
         raise InputError(f"{folder} is no case library; give a folder in it: {' or '.join(map(str, below))}")
-
-
-def _read_parquet(path: Path) -> pa.Table:
-    """Read a Parquet file that cornerforge wrote.
-
-    Raises:
-        FileFormatError: The file is damaged.
-    """
-    try:
-        # The local file system is named, because Arrow reads a path like run-10:30 as an address, ~ as the home folder.
-        return pq.read_table(str(path.absolute()), filesystem=LocalFileSystem())
-    except (pa.ArrowException, OSError) as error:
-        raise FileFormatError(f"{path} is damaged ({error}); write it again with: cornerforge analyse") from None
 
 
 def _plain(value: object) -> Any:
