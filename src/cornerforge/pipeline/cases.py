@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from cornerforge._table_checks import read_parquet
 from cornerforge.adversary.policy_file import load_policy
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.fields import REALS
-from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.library.query import MEGABYTES, SECONDS, run_sql
@@ -29,7 +28,7 @@ from cornerforge.pipeline.setting import IDENTITY_FIELDS, Experiment, experiment
 from cornerforge.results import Queried, Replayed
 from cornerforge.sim import scenario_digest
 from cornerforge.types import Scenario
-from cornerforge.world_options import WorldOptions
+from cornerforge.world_options import AvProcessKeywords, WorldOptions
 
 __all__ = ["SEVERAL", "driver_of_cases", "experiment_of", "experiment_with", "is_same", "query", "replay"]
 
@@ -38,7 +37,7 @@ SEVERAL = "several AVs"
 _ANALYSED = "cases.parquet"
 
 
-def experiment_of(cases: CaseLibrary, av_timeout: float = DEFAULT_TIMEOUT, av_python: str | None = None) -> Experiment:
+def experiment_of(cases: CaseLibrary, **asked: Unpack[AvProcessKeywords]) -> Experiment:
     """Rebuild the experiment that made a library from its identity and the files beside it.
 
     Raises:
@@ -50,7 +49,7 @@ def experiment_of(cases: CaseLibrary, av_timeout: float = DEFAULT_TIMEOUT, av_py
             f"The cases of {cases.path} were made by several AVs, so there is none to drive them with again; drive "
             f"them with two of your choice: cornerforge retest {cases.path} --av NEW --baseline OLD"
         )
-    world = WorldOptions(av=str(cases.identity["av"]), av_timeout=av_timeout, av_python=av_python)
+    world = WorldOptions(av=str(cases.identity["av"]), **asked)
     return experiment_with(cases, world, changed=())
 
 
@@ -141,9 +140,8 @@ def replay(
     check: bool = False,
     picture: Path | str | None = None,
     video: Path | str | None = None,
-    av_timeout: float = DEFAULT_TIMEOUT,
-    av_python: str | None = None,
     progress: Progress = NO_PROGRESS,
+    **asked: Unpack[AvProcessKeywords],
 ) -> Replayed:
     """Drive a case again from its seed, or by its script (`shrink` makes such cases).
 
@@ -154,9 +152,9 @@ def replay(
         picture: New file, .png or .svg, to draw the crash and the latest way out of it (extra `report`); for one case.
         video: New file, .mp4, .webm (extra `video`) or .gif (extra `report`), for a film of the case from above in real
             time, up to the contact, with the latest way out as a dashed outline; for one case.
-        av_timeout: How long an AV that is not built in may take for an answer [s].
-        av_python: Python in which such an AV runs; a library does not remember it, because it belongs to the machine.
         progress: Told how far it is.
+        asked: In what an AV that is not built in runs, and its time for an answer; see `WorldOptions`. A library does
+            not remember it, because it belongs to the machine.
 
     Returns:
         What `cornerforge replay --json` prints.
@@ -172,7 +170,7 @@ def replay(
     if video is not None:
         check_video(Path(video))
     cases = CaseLibrary.open(Path(library))
-    run = experiment_of(cases, av_timeout, av_python)
+    run = experiment_of(cases, **asked)
     again = driver_of_cases(run)
     ids = cases.scalars(["case_id"])["case_id"].to_pylist() if case == "all" else [case]
     if not ids:

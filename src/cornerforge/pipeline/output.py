@@ -22,6 +22,7 @@ from cornerforge._files import part_of, reason, writing
 from cornerforge._locks import claim_file, claim_folder, command_line, is_lock
 from cornerforge.errors import InputError, OutputError
 from cornerforge.execution import code_hash
+from cornerforge.foreign.interpreter import in_use
 
 __all__ = [
     "called_with",
@@ -99,10 +100,12 @@ def provenance(identity: Mapping[str, Any], seconds: float | None = None) -> dic
         identity: What decides the result: seed, hashes, settings.
         seconds: Wall-clock time of the work [s]; None while it is not done.
     """
+    outside = in_use()
     return {
         "cornerforge": version(),
         "command": command_line(),
         **_CALL.get(),
+        **({"avs_from_outside": outside} if outside else {}),
         "identity": dict(identity),
         "written": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "seconds": seconds,
