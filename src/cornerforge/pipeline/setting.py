@@ -24,6 +24,7 @@ from cornerforge.foreign.loaders import is_foreign
 from cornerforge.foreign.recorder import ForeignRecorder
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
 from cornerforge.pipeline.av_file import av_of
+from cornerforge.pipeline.named_avs import remember
 from cornerforge.pipeline.output import config_hash
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import (
@@ -402,6 +403,7 @@ def experiment(
     numbers = [policy_numbers(p) for p in policies]
     foreign = None
     if is_foreign(av):
+        remember(av)
         foreign = ForeignAv(
             av,
             road,
