@@ -12,7 +12,7 @@ BROWSER := .venv/.stamp-browser
 WEB := src/cornerforge/explorer/static/index.html
 WHEEL := .venv-wheel
 PIP := -m pip -qq --disable-pip-version-check
-SCRIPTS := $(wildcard benchmarks/*.py docs/_site/*.py examples/*.py)
+SCRIPTS := $(wildcard benchmarks/*.py docs/_site/*.py examples/*.py supply/*.py)
 LINTED := src tests $(SCRIPTS)
 # Tests of the installed wheel: storage, queries, processes of AVs, pictures, metrics, and the bits of a drive. They compile little.
 WHEEL_TESTS := tests/adversary/test_policy_file.py tests/foreign/test_av_process.py tests/library tests/metrics \
@@ -25,12 +25,13 @@ LOWEST_TESTS := tests/adversary tests/analysis tests/envs tests/foreign/test_av_
 EXTERNAL := tests/interchange/external
 ASAM := .venv-asam/.stamp-setup
 COMMONROAD := .venv-commonroad/.stamp-setup
+AUDIT := .venv-audit/.stamp-setup
 TEST_TOOLS := hypothesis mpmath onnx pytest
 MODEL := src/cornerforge/ndd/default_model.npz
 RL_AV := src/cornerforge/drivers/rl_av.safetensors
 
 .DEFAULT_GOAL := help
-.PHONY: help setup web demo test test-slow test-browser test-interchange check format docs wheel lowest bench model rl-av golden clean-cache clean
+.PHONY: help setup web demo test test-slow test-browser test-interchange check format audit licences docs wheel lowest bench model rl-av golden clean-cache clean
 
 help: ## list the targets (this)
 	@awk -F ':.*## ' '/^[a-z][a-z-]*:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -70,17 +71,27 @@ format: $(SETUP) ## write the agreed format and mend what lint can mend by itsel
 	@$(BIN)/ruff check --quiet --fix-only $(LINTED)
 	@$(BIN)/ruff format $(LINTED)
 
+audit: $(AUDIT) ## look for known faults in what cornerforge is made of; asks services that know, where one is reached
+	@.venv-audit/bin/python supply/audit.py
+
+licences: $(SETUP) $(AUDIT) $(WEB) ## list the licences of all dependencies again: docs/licences.md
+	@.venv-audit/bin/python $(PIP) install --dry-run --ignore-installed --no-deps --report .venv-audit/report.json -r constraints.txt
+	@$(BIN)/python supply/licences.py .venv-audit/report.json
+
 docs: $(DOCS) ## build the documentation as a site that loads nothing from elsewhere: site/index.html
 	@NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build --strict --quiet
 	@.venv-docs/bin/python docs/_site/site_check.py site
 
+# All archives are built by the setuptools of constraints.txt: another one may write other bytes.
 # The tests run from the unpacked source archive, without its src/: what they import can only be the installed wheel.
-wheel: $(SETUP) $(WEB) ## build the source archive and the wheel, and try them in an environment of their own: dist/
+wheel: $(SETUP) $(AUDIT) $(WEB) ## build the source archive and the wheel, and try them in an environment of their own: dist/
 	@rm -rf build dist $(WHEEL)
-	@$(BIN)/python -m build --outdir dist . >build.log 2>&1 || { cat build.log; exit 1; }
-	@$(BIN)/python -m build --wheel --outdir build/direct . >build.log 2>&1 || { cat build.log; exit 1; }
+	@PIP_CONSTRAINT=constraints.txt $(BIN)/python -m build --outdir dist . >build.log 2>&1 || { cat build.log; exit 1; }
+	@PIP_CONSTRAINT=constraints.txt $(BIN)/python -m build --wheel --outdir build/direct . >build.log 2>&1 || { cat build.log; exit 1; }
 	@rm build.log
 	@$(BIN)/python tests/installed/archives.py dist build/direct
+	@$(BIN)/python tests/installed/twice.py dist build/direct
+	@.venv-audit/bin/python tests/installed/bill.py dist
 	@$(call venv,$(WHEEL))
 	@$(WHEEL)/bin/python $(PIP) install -c constraints.txt dist/*.whl
 	@$(WHEEL)/bin/python -I tests/installed/as_a_user.py
@@ -145,6 +156,11 @@ $(DOCS): pyproject.toml constraints.txt
 	@$(call venv,.venv-docs)
 	@.venv-docs/bin/python $(PIP) install -c constraints.txt $$($(PYTHON) -c 'import tomllib; \
 	  print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["docs"])')
+	@touch $@
+
+$(AUDIT): supply/requirements.txt
+	@$(call venv,.venv-audit)
+	@.venv-audit/bin/python $(PIP) install -r $<
 	@touch $@
 
 $(ASAM): $(EXTERNAL)/requirements-asam.txt

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 import typer
+from edited_files import write_object
 from folder_snapshot import snapshot
 
 import cornerforge
@@ -508,7 +509,7 @@ def test_a_case_that_happens_differently_is_status_1(
 def newer_library(files: Path, new: Path) -> None:
     (new / "library").mkdir()
     manifest = json.loads((files / "library" / "manifest.json").read_text(encoding="utf-8"))
-    (new / "library" / "manifest.json").write_text(json.dumps(manifest | {"schema_version": 99}), encoding="utf-8")
+    write_object(new / "library" / "manifest.json", manifest | {"schema_version": 99})
 
 
 def corrupt_files(files: Path, new: Path) -> None:

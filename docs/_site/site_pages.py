@@ -1,7 +1,8 @@
 """Pages of the site that are not written in docs/, and links to what stands outside it; mkdocs.yml names this file.
 
-README.md, CONTRIBUTING.md and CHANGELOG.md become pages, the Python interface is made from docstrings for the names of
-tests/public_api.txt, and a link from a page to another file of the project leads to a page that shows the file.
+README.md, CONTRIBUTING.md, SECURITY.md and CHANGELOG.md become pages, the Python interface is made from docstrings for
+the names of tests/public_api.txt, and a link from a page to another file of the project leads to a page that shows the
+file.
 """
 
 from __future__ import annotations
@@ -13,7 +14,12 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
-WHOLE_PAGES = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
+WHOLE_PAGES = {
+    "README.md": "index.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "SECURITY.md": "security.md",
+    "CHANGELOG.md": "changelog.md",
+}
 LANGUAGES = {".py": "python", ".cff": "yaml", ".toml": "toml"}
 LINK = re.compile(r"(\]\()([^)\s]+)(\))")
 FENCE = re.compile(r"(^```.*?^```|`[^`\n]+`)", flags=re.MULTILINE | re.DOTALL)

@@ -76,6 +76,7 @@ __all__ = [
     "train",
     "train_av",
     "variety",
+    "verify",
     "write_case_file",
 ]
 
@@ -116,6 +117,7 @@ __getattr__ = door(
         "train": "pipeline.train",
         "train_av": "pipeline.train_av",
         "variety": "pipeline.variety",
+        "verify": "pipeline.verify",
         "write_case_file": "interchange.case_file",
     },
 )

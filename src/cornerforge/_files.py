@@ -7,14 +7,16 @@ have checksums.
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from cornerforge.errors import OutputError
 
-__all__ = ["part_of", "reason", "writing"]
+__all__ = ["check_regular", "part_of", "read_bytes", "reason", "writing"]
 
 
 def part_of(path: Path) -> Path:
@@ -29,6 +31,29 @@ def part_of(path: Path) -> Path:
 def reason(error: OSError) -> str:
     """Say why a file operation failed; errors of other libraries say it in their text only."""
     return error.strerror or str(error)
+
+
+def check_regular(path: Path) -> None:
+    """Check that a path is a file with an end: reading a pipe waits for ever, and a device may never end.
+
+    Raises:
+        OSError: It is not, or is not there.
+    """
+    mode = path.stat().st_mode
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "is no regular file", str(path))
+
+
+def read_bytes(path: Path) -> bytes:
+    """Read a regular file.
+
+    Raises:
+        OSError: It is none (`check_regular`), or cannot be read.
+    """
+    check_regular(path)
+    return path.read_bytes()
 
 
 @contextmanager

@@ -25,6 +25,19 @@ __all__ = [
 ]
 
 
+# Ranges, wide enough for recordings: they tell damage, not what is rare.
+_ANY = float("inf")
+_METRES = (-1e5, 1e5)
+_SPEEDS = (-100.0, 200.0)
+_ANGLES = (-4.0 * np.pi, 4.0 * np.pi)
+_SHARPNESS = (-1e5, 1e5)
+_SIZES = (0.1, 100.0)
+_SIZE_OF_TWO = (-100.0, 100.0)
+_POSITIVE = (0.0, _ANY)
+_MOST_LANES = 6
+_INT16, _INT64 = 2**15 - 1, 2**63 - 1
+
+
 @dataclass(frozen=True)
 class Field:
     """One column of a file.
@@ -34,17 +47,44 @@ class Field:
         type: Of a value: "string", "bool", "int8" and so on, "list of T", or "T[n]" for lists of n.
         unit: Of the values, "" for none.
         meaning: One sentence, with the edge values.
+        within: Smallest and largest value, inclusive; None: any. NaN and null have rules of their own (`is_nullable`,
+            `may_be_nan`).
     """
 
     name: str
     type: str
     unit: str
     meaning: str
+    within: tuple[float, float] | None = None
 
     @property
     def is_nullable(self) -> bool:
         """May a value be missing? NaN stands for it in arrays."""
         return "null" in self.meaning
+
+    @property
+    def may_be_missing(self) -> bool:
+        """May an object lack it?"""
+        return "may be missing" in self.meaning
+
+    @property
+    def allowed(self) -> str:
+        """The range in words, without the unit; "" where any value is allowed.
+
+        >>> Field("age", "int64", "s", "How old it is.", (0, float("inf"))).allowed
+        'at least 0'
+        """
+        if self.within is None:
+            return ""
+        low, high = self.within
+        if high == _ANY or low == -_ANY:
+            return f"at least {low:g}" if high == _ANY else f"at most {high:g}"
+        return f"{low:g} to {high:g}"
+
+    @property
+    def may_be_nan(self) -> bool:
+        """May a value, or one in a list, be NaN?"""
+        return "NaN" in self.meaning
 
 
 @dataclass(frozen=True)
@@ -65,36 +105,49 @@ class Series:
 _FLAT = "vehicle by vehicle: vehicle i at frame t stands at i * n_frames + t"
 
 SERIES: tuple[Series, ...] = (
-    Series("x", "<f8", Field("x_m", "float32", "m", f"Box centre along the road, {_FLAT}; NaN where absent.")),
-    Series("y", "<f8", Field("y_m", "float32", "m", "Box centre, to the left of the right road edge; likewise.")),
-    Series("speed", "<f8", Field("speed_mps", "float32", "m/s", "Along the road; likewise.")),
+    Series("x", "<f8", Field("x_m", "float32", "m", f"Box centre along the road, {_FLAT}; NaN where absent.", _METRES)),
+    Series(
+        "y", "<f8",
+        Field("y_m", "float32", "m", "Box centre, to the left of the right road edge; NaN where absent.", _METRES),
+    ),
+    Series("speed", "<f8", Field("speed_mps", "float32", "m/s", "Along the road; NaN where absent.", _SPEEDS)),
     Series(
         "heading", "<f8",
-        Field("heading_rad", "float32", "rad", "Counter-clockwise from the road's direction; likewise."),
+        Field(
+            "heading_rad", "float32", "rad", "Counter-clockwise from the road's direction; NaN where absent.", _ANGLES
+        ),
     ),
     Series(
         "acceleration", "<f8",
-        Field("acceleration_mps2", "float32", "m/s2", "Along the road, at this frame; likewise."),
+        Field("acceleration_mps2", "float32", "m/s2", "Along the road, at this frame; NaN where absent.", _SHARPNESS),
     ),
     Series(
-        "target_lane", "i1", Field("target_lane", "int8", "", "Lane kept or changed to; -1 where absent; likewise.")
+        "target_lane", "i1",
+        Field("target_lane", "int8", "", "Lane kept or changed to; -1 where absent.", (-1, _MOST_LANES - 1)),
     ),
-    Series("present", "i1", Field("present", "bool", "", "The vehicle exists; likewise.")),
+    Series("present", "i1", Field("present", "bool", "", "The vehicle exists.")),
 )  # fmt: skip
 """The series of a frame, in the order of a digest: first the real numbers, 0 where absent, then lane and presence."""
 
 BODY: tuple[Series, ...] = (
     Series(
         "kind", "i1",
-        Field("kind", "int8", "", "Class of each stored vehicle: 0 car, 1 truck, 2 motorcycle; early libraries: cars."),
+        Field(
+            "kind", "int8", "",
+            "Class of each stored vehicle: 0 car, 1 truck, 2 motorcycle; early libraries: cars.", (0, 2),
+        ),
     ),
-    Series("length", "<f8", Field("length_m", "float64", "m", "Length of each stored vehicle; likewise.")),
-    Series("width", "<f8", Field("width_m", "float64", "m", "Width of each stored vehicle; likewise.")),
+    Series(
+        "length", "<f8",
+        Field("length_m", "float64", "m", "Length of each stored vehicle; early libraries: as the ODD says.", _SIZES),
+    ),
+    Series("width", "<f8", Field("width_m", "float64", "m", "Width of each stored vehicle; likewise.", _SIZES)),
     Series(
         "change_time", "<f8",
         Field(
             "change_time_s", "float64", "s",
             "How long an undisturbed lane change of each stored vehicle takes; early libraries: as the ODD says.",
+            (0.0, 1e4),
         ),
     ),
 )  # fmt: skip
@@ -116,11 +169,17 @@ HISTORY_SHAPE = (16, 2, len(POSE))
 def _limits(who: str, name: str) -> tuple[Field, ...]:
     real = "float64"
     return (
-        Field(f"{who}_max_acceleration_mps2", real, "m/s2", f"Largest acceleration of {name}; null below 2 frames."),
-        Field(f"{who}_max_braking_mps2", real, "m/s2", f"Largest braking of {name}, positive; null below 2 frames."),
+        Field(
+            f"{who}_max_acceleration_mps2", real, "m/s2", f"Largest acceleration of {name}; null below 2 frames.",
+            _POSITIVE,
+        ),
+        Field(
+            f"{who}_max_braking_mps2", real, "m/s2", f"Largest braking of {name}, positive; null below 2 frames.",
+            _POSITIVE,
+        ),
         Field(
             f"{who}_max_lateral_acceleration_mps2", real, "m/s2",
-            f"Largest |lateral acceleration| of {name}, second differences of y; null below 3 frames.",
+            f"Largest |lateral acceleration| of {name}, second differences of y; null below 3 frames.", _POSITIVE,
         ),
     )  # fmt: skip
 
@@ -129,54 +188,62 @@ SHORTFALL: tuple[Field, ...] = (
     Field(
         "shortfall_nats", "float64", "nats",
         "How far ln P(critical BV's actions), human errors included, falls short of the likeliest ones'; inf: one was "
-        "impossible; null: not recorded.",
+        "impossible; null: not recorded.", _POSITIVE,
     ),
     Field(
         "possible_shortfall_nats", "float64", "nats",
-        "The same of the possible actions alone; null: not recorded.",
+        "The same of the possible actions alone; null: not recorded.", _POSITIVE,
     ),
     Field(
         "n_implausible", "int64", "",
-        "Critical BV's decisions that no natural driver makes, not even in error; null: not recorded.",
+        "Critical BV's decisions that no natural driver makes, not even in error; null: not recorded.", (0, _INT16),
     ),
 )  # fmt: skip
 """Log-probability of the critical BV's actions against the likeliest ones (ADR 12); early libraries may lack it."""
 
 PARTNER: tuple[Field, ...] = (
-    Field("bv_kind", "int8", "", "Class of the crash partner: 0 car, 1 truck, 2 motorcycle."),
-    Field("bv_length_m", "float64", "m", "Length of the crash partner; null: an early library, of cars."),
-    Field("bv_width_m", "float64", "m", "Width of the crash partner; likewise: null."),
+    Field("bv_kind", "int8", "", "Class of the crash partner: 0 car, 1 truck, 2 motorcycle.", (0, 2)),
+    Field("bv_length_m", "float64", "m", "Length of the crash partner; null: an early library, of cars.", _SIZES),
+    Field("bv_width_m", "float64", "m", "Width of the crash partner; likewise: null.", _SIZES),
 )
 """Class and size of the crash partner; early libraries lack it."""
 
 CASES: tuple[Field, ...] = (
     Field("case_id", "string", "", "Name of the case, seed:test."),
-    Field("seed", "int64", "", "Seed of the run."),
-    Field("test", "int64", "", "Index of the test within the seed."),
-    Field("crash_time_s", "float64", "s", "First contact, since the start of the test."),
-    Field("duration_s", "float64", "s", "Length of the recording."),
-    Field("bv_slot", "int16", "", "Slot of the crash partner, the BV that the AV touches first."),
-    Field("av_speed_mps", "float64", "m/s", "Speed of the AV at contact."),
-    Field("bv_speed_mps", "float64", "m/s", "Speed of the crash partner at contact."),
-    Field("impact_speed_difference_mps", "float64", "m/s", "Partner's speed minus the AV's at contact."),
-    Field("relative_heading_rad", "float64", "rad", "Partner's heading minus the AV's at contact, in [-pi, pi)."),
-    Field("relative_lon_m", "float64", "m", "Partner's centre minus the AV's along the road at contact."),
-    Field("relative_lat_m", "float64", "m", "Partner's centre minus the AV's, to the left, at contact."),
-    Field("av_lane", "int8", "", "Lane that holds the AV's centre at contact, 0 = rightmost."),
-    Field("relative_lane", "int8", "", "Lane of the partner's centre minus the AV's at contact."),
+    Field("seed", "int64", "", "Seed of the run.", (0, _INT64)),
+    Field("test", "int64", "", "Index of the test within the seed.", (0, _INT64)),
+    Field("crash_time_s", "float64", "s", "First contact, since the start of the test.", (0.0, 1e5)),
+    Field("duration_s", "float64", "s", "Length of the recording.", (0.0, 1e5)),
+    Field("bv_slot", "int16", "", "Slot of the crash partner, the BV that the AV touches first.", (1, _INT16)),
+    Field("av_speed_mps", "float64", "m/s", "Speed of the AV at contact.", _SPEEDS),
+    Field("bv_speed_mps", "float64", "m/s", "Speed of the crash partner at contact.", _SPEEDS),
+    Field(
+        "impact_speed_difference_mps", "float64", "m/s", "Partner's speed minus the AV's at contact.", (-300.0, 300.0)
+    ),
+    Field(
+        "relative_heading_rad", "float64", "rad", "Partner's heading minus the AV's at contact, in [-pi, pi).",
+        (-np.pi, np.pi),
+    ),
+    Field("relative_lon_m", "float64", "m", "Partner's centre minus the AV's along the road at contact.", _SIZE_OF_TWO),
+    Field("relative_lat_m", "float64", "m", "Partner's centre minus the AV's, to the left, at contact.", _SIZE_OF_TWO),
+    Field("av_lane", "int8", "", "Lane that holds the AV's centre at contact, 0 = rightmost.", (-100, 100)),
+    Field(
+        "relative_lane", "int8", "", "Lane of the partner's centre minus the AV's at contact.",
+        (-100, 100),
+    ),
     *_limits("av", "the AV"),
     *_limits("bv", "the crash partner"),
     Field("physically_plausible", "bool", "", "AV, partner: -8.5..4 m/s2 along, 4 m/s2 across the road."),
-    Field("min_ttc_s", "float64", "s", "Smallest TTC of the AV before contact; null: never closing."),
-    Field("n_vehicles", "int16", "", "Vehicles in the test, the AV among them."),
-    Field("n_decisions", "int16", "", "Decisions (one a second) in the test."),
-    Field("log_prob_nde", "float64", "", "ln P(critical BV's actions) in the NDE; null: P = 0."),
-    Field("n_impossible", "int16", "", "Critical BV's decisions of probability 0 in the NDE."),
+    Field("min_ttc_s", "float64", "s", "Smallest TTC of the AV before contact; null: never closing.", _POSITIVE),
+    Field("n_vehicles", "int16", "", "Vehicles in the test, the AV among them.", (2, _INT16)),
+    Field("n_decisions", "int16", "", "Decisions (one a second) in the test.", (0, _INT16)),
+    Field("log_prob_nde", "float64", "", "ln P(critical BV's actions) in the NDE; null: P = 0.", (-_ANY, 0.0)),
+    Field("n_impossible", "int16", "", "Critical BV's decisions of probability 0 in the NDE.", (0, _INT16)),
     Field("trajectory_digest", "string", "", "Of all vehicles at full precision; for `replay --check`."),
-    Field("critical_bv_action", "list of int8", "", "Critical BV's action at each decision; -1: no BV."),
+    Field("critical_bv_action", "list of int8", "", "Critical BV's action at each decision; -1: no BV.", (-1, 32)),
     Field(
         "history", f"float32[{HISTORY_SHAPE[0] * HISTORY_SHAPE[1] * HISTORY_SHAPE[2]}]", "m, m/s, rad",
-        f"[second 0..15 before contact][AV, partner][{', '.join(POSE)}], flat; NaN before the test began.",
+        f"[second 0..15 before contact][AV, partner][{', '.join(POSE)}], flat; NaN before the test began.", _METRES,
     ),
     *SHORTFALL,
     *PARTNER,
@@ -185,13 +252,18 @@ CASES: tuple[Field, ...] = (
 
 TRACKS: tuple[Field, ...] = (
     Field("case_id", "string", "", "Name of the case, seed:test."),
-    Field("n_frames", "int32", "", "Frames, 0.1 s apart, from the start of the test to contact."),
-    Field("slot", "list of int16", "", "Slots of the stored vehicles; the AV first."),
-    *(Field(s.column.name, f"list of {s.column.type}", s.column.unit, s.column.meaning) for s in BODY),
-    *(Field(s.column.name, f"list of {s.column.type}", s.column.unit, s.column.meaning) for s in SERIES),
-    Field("action", "list of int8", "", "Decision k of vehicle i at i * n_decisions + k; -1: none."),
-    Field("critical_bv", "list of int16", "", "Critical BV's index into `slot` at each decision; -1: none."),
-    Field("decision_log_prob_nde", "list of float64", "", "ln P(its action) in the NDE; 0: no BV."),
+    Field("n_frames", "int32", "", "Frames, 0.1 s apart, from the start of the test to contact.", (1, 2**31 - 1)),
+    Field("slot", "list of int16", "", "Slots of the stored vehicles; the AV first.", (0, _INT16)),
+    *(Field(s.column.name, f"list of {s.column.type}", s.column.unit, s.column.meaning, s.column.within) for s in BODY),
+    *(
+        Field(s.column.name, f"list of {s.column.type}", s.column.unit, s.column.meaning, s.column.within)
+        for s in SERIES
+    ),
+    Field("action", "list of int8", "", "Decision k of vehicle i at i * n_decisions + k; -1: none.", (-1, 32)),
+    Field(
+        "critical_bv", "list of int16", "", "Critical BV's index into `slot` at each decision; -1: none.", (-1, _INT16)
+    ),
+    Field("decision_log_prob_nde", "list of float64", "", "ln P(its action) in the NDE; 0: no BV.", (-_ANY, 0.0)),
 )
 """Columns of a library's tracks. They hold the AV, its crash partner, critical BVs, and every vehicle that comes within
 150 m of the AV."""

@@ -12,6 +12,7 @@ import pytest
 from safetensors import safe_open
 from safetensors.numpy import save
 
+from cornerforge._checksums import NoChecksumWarning
 from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, policy_numbers, save_policy
 from cornerforge.drivers.policy import NetworkShape, n_weights
 from cornerforge.errors import FileFormatError, OutputError
@@ -77,6 +78,27 @@ def with_nan(path: Path) -> bytes:
     return changed_weights(path, weights)
 
 
+def test_any_changed_bit_is_noticed(policy: Policy, tmp_path: Path) -> None:
+    path = tmp_path / "p.safetensors"
+    save_policy(policy, path)
+    whole = path.read_bytes()
+    rng = np.random.default_rng(1)
+    for bit in rng.integers(0, 8 * len(whole), 200).tolist():
+        damaged = bytearray(whole)
+        damaged[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(damaged)
+        with pytest.raises(FileFormatError):
+            load_policy(path)
+
+
+def test_a_policy_without_checksum_is_read_with_a_note(policy: Policy, tmp_path: Path) -> None:
+    path = tmp_path / "p.safetensors"
+    save_policy(policy, path)
+    path.write_bytes(changed_header(path))
+    with pytest.warns(NoChecksumWarning, match="carries no checksum"):
+        assert policy_hash(load_policy(path)) == policy_hash(policy)
+
+
 NETWORK = {"n_inputs": N_OBSERVATION, "n_shared": 2, "n_stream": 1, "width": 8}
 DAMAGES = {
     "empty": (lambda _: b"", "damaged"),
@@ -84,7 +106,10 @@ DAMAGES = {
     "truncated": (lambda p: p.read_bytes()[:-40], "damaged"),
     "header cut": (lambda p: p.read_bytes()[:30], "damaged"),
     "foreign safetensors": (lambda _: save({"weights": np.zeros(4, np.float32)}), "no policy of cornerforge"),
-    "no weights": (lambda _: save({"w": np.zeros(4, np.float32)}, metadata={"cornerforge": "{}"}), "weights"),
+    "no weights": (
+        lambda _: save({"w": np.zeros(4, np.float32)}, metadata={"cornerforge": "{}"}),
+        "schema version None",
+    ),
     "header no JSON": (lambda p: save({"weights": parts(p)[0]}, metadata={"cornerforge": "{"}), "damaged"),
     "header a list": (lambda p: save({"weights": parts(p)[0]}, metadata={"cornerforge": "[]"}), "no JSON object"),
     "newer schema": (lambda p: changed_header(p, schema_version=2), "schema version 2"),
@@ -102,6 +127,7 @@ DAMAGES = {
 }
 
 
+@pytest.mark.filterwarnings("ignore::cornerforge._checksums.NoChecksumWarning")
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_what_is_no_whole_policy_is_refused(damage: str, policy: Policy, tmp_path: Path) -> None:
     path = tmp_path / "p.safetensors"

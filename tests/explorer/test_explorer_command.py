@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import shutil
 import threading
 import time
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from edited_files import write_object
 from explorer.conftest import BRAKES, asked, started, stopped
 
 from cornerforge.cli import main
@@ -106,7 +106,7 @@ def test_a_rate_that_is_in_doubt_is_said_to_be(place: Path, tmp_path: Path) -> N
         "method": "splitting", "tests": 1000, "plain_tests": 10, "crashes_per_test": 1e-6, "interval95": [5e-7, 2e-6],
         "effective_sample_size": 3, "cpu_seconds": 1.0, "acceleration": 1.0, "doubts": ["it rests on 3 trees"],
     }  # fmt: skip
-    (tmp_path / "natural" / "rate.json").write_text(json.dumps(rate), encoding="utf-8")
+    write_object(tmp_path / "natural" / "rate.json", rate)
     running = started(tmp_path, "--port", 0)
     assert asked(running, "api/about")["warnings"] == [
         "How often crashes happen is not to be trusted yet: it rests on 3 trees."

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cornerforge.errors import FileFormatError
+from cornerforge.errors import FileFormatError, MissingExtraError
 from cornerforge.foreign.edge_cases import random_views
 from cornerforge.foreign.loaders import load_av
 from cornerforge.foreign.networks import answers_of_actions, answers_of_numbers
+from cornerforge.foreign.sb3_file import sb3_av
 from cornerforge.types import ACCELERATIONS, Odd
 
 VIEWS = random_views(np.random.default_rng(3), (1, 150), Odd())[0]
@@ -208,3 +209,17 @@ def test_onnx_models_that_do_not_fit_are_refused(
     onnx_file(tmp_path / "net.onnx", n_outputs, "B", shape, kind)
     with pytest.raises(FileFormatError, match=text):
         load_av(str(tmp_path / "net.onnx"))
+
+
+@pytest.mark.parametrize(("version", "is_read"), [("2.9.1", False), ("2.10.0+cpu", True)])
+def test_no_file_is_given_to_a_torch_that_could_run_its_code(
+    version: str, is_read: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """pip does not look at an AV's own Python (`--av-python`), so the lowest version is checked here as well."""
+    torch = pytest.importorskip("torch")
+    monkeypatch.setattr(torch, "__version__", version)
+    expected: type[Exception] = FileFormatError if is_read else MissingExtraError
+    with pytest.raises(
+        expected, match="no file of Stable-Baselines3" if is_read else r"torch 2\.10 or newer \(this is 2\.9\.1"
+    ):
+        sb3_av("a.zip", b"no zip at all")

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-SHIPPED = ["src/cornerforge", "tests", "docs", "examples", "benchmarks", "web", ".ci"]
+SHIPPED = ["src/cornerforge", "tests", "docs", "examples", "benchmarks", "supply", "web", ".ci"]
 
 
 def kept(folder: str) -> Iterator[str]:

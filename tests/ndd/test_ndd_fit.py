@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cornerforge._checksums import write_arrays
 from cornerforge.errors import DataError, FileFormatError, InputError, OutputError
 from cornerforge.ndd import default_model_path, fit_model, load_model, model_hash, save_model, write_fit_report
 from cornerforge.ndd.decisions import Decisions, concatenate
@@ -202,7 +203,7 @@ def test_damaged_foreign_and_missing_models_are_named(tmp_path: Path) -> None:
         (tmp_path / name).write_bytes(content)
         with pytest.raises(FileFormatError, match=name):
             load_model(tmp_path / name)
-    np.savez(tmp_path / "other.npz", header=np.array('{"schema_version": 99}'))
+    write_arrays(tmp_path / "other.npz", {"header": np.array('{"schema_version": 99}')})
     with pytest.raises(FileFormatError, match="schema version 99"):
         load_model(tmp_path / "other.npz")
 

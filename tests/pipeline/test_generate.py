@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+from edited_files import write_object
 from folder_snapshot import snapshot
 
 import cornerforge
@@ -428,7 +429,7 @@ def test_an_empty_library_is_not_called_identical(swerve_library: Path, tmp_path
         shard.unlink()
     manifest = json.loads((library / "manifest.json").read_text())
     manifest["shards"] = []
-    (library / "manifest.json").write_text(json.dumps(manifest))
+    write_object(library / "manifest.json", manifest)
     with pytest.raises(InputError, match="no cases yet"):
         cornerforge.replay(library, "all", check=True)
 
@@ -442,7 +443,7 @@ def test_a_library_that_was_not_generated_does_not_replay(tmp_path: Path) -> Non
 def test_a_library_of_a_newer_schema_is_refused(swerve_library: Path, tmp_path: Path) -> None:
     library = copied(swerve_library, tmp_path / "library")
     manifest = json.loads((library / "manifest.json").read_text(encoding="utf-8"))
-    (library / "manifest.json").write_text(json.dumps(manifest | {"schema_version": 99}), encoding="utf-8")
+    write_object(library / "manifest.json", manifest | {"schema_version": 99})
     before = snapshot(library)
     for work in (
         lambda: cornerforge.replay(library, "all"),

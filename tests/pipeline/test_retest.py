@@ -8,6 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from edited_files import write_object
 
 import cornerforge
 from cornerforge import cli
@@ -157,7 +158,7 @@ def test_it_needs_to_know_where_the_old_av_crashed(swerve_library: Path, tmp_pat
         (tmp_path / file.name).write_bytes(file.read_bytes())
     manifest = json.loads((tmp_path / "manifest.json").read_text(encoding="utf-8"))
     manifest["crashes"] += 1
-    (tmp_path / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    write_object(tmp_path / "manifest.json", manifest)
     with pytest.raises(InputError, match=r"holds 60 of 61 crashes.* --baseline idm-mobil"):
         cornerforge.retest(tmp_path, av="rl")
 

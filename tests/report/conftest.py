@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from edited_files import write_object
 from numpy.typing import NDArray
 
 from cornerforge import analyse
@@ -129,11 +130,11 @@ def write_run(out: Path, tests: int) -> Path:
     records = [case_record(s, trajectory_digest=f"{s.test:08x}") for s in scenarios]
     library.append(records, next_test=tests, tests=tests, crashes=tests)
     result = as_json(analyse(library.path, out=out / "analysis"))
-    write_json(out / "summary.json", _summary(tests, result))
-    write_json(out / "training.json", _training())
-    write_json(out / "exposure.json", _exposure(scenarios))
+    write_object(out / "summary.json", _summary(tests, result))
+    write_object(out / "training.json", _training())
+    write_object(out / "exposure.json", _exposure(scenarios))
     provenance = {"version": "0.1.0", "command": "cornerforge run", "seed": 0, "hashes": {"policy": "ab12"}}
-    write_json(out / "provenance.json", provenance)
+    write_object(out / "provenance.json", provenance)
     return out
 
 
@@ -156,11 +157,7 @@ def write_natural(out: Path) -> None:
         "cpu_seconds": 160.0, "acceleration": 900.0,
     }  # fmt: skip
     summary["natural_cases"] = as_json(analyse(library.path, out=out / "natural" / "analysis"))
-    write_json(file, summary)
-
-
-def write_json(file: Path, values: Any) -> None:
-    file.write_text(json.dumps(values), encoding="utf-8")
+    write_object(file, summary)
 
 
 def _summary(tests: int, analysis: dict[str, Any]) -> dict[str, Any]:

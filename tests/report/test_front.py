@@ -15,6 +15,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from edited_files import write_object
 from html_page import CHROMIUM, Page, browse, needs_browser
 
 from cornerforge.analysis.first_case import PREVENTION
@@ -38,7 +39,7 @@ def summary_of(folder: Path, change: Callable[[dict[str, Any]], object]) -> None
     file = folder / "summary.json"
     values = json.loads(file.read_text(encoding="utf-8"))
     change(values)
-    file.write_text(json.dumps(values), encoding="utf-8")
+    write_object(file, values)
 
 
 def judge(folder: Path, *, prevented_by: str, held: bool) -> None:

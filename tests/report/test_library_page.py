@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from edited_files import write_object
 from html_page import Page
 
 import cornerforge
@@ -70,7 +71,7 @@ def test_the_page_of_a_run_stays_where_it_is(run_folder: Path) -> None:
     assert "How the adversary learned" in Page(Path(made.report)).text
     summary = json.loads((run_folder / "summary.json").read_text())
     del summary["generate"]
-    (run_folder / "summary.json").write_text(json.dumps(summary))
+    write_object(run_folder / "summary.json", summary)
     with pytest.raises(FileFormatError, match=r"summary\.json: .nde, generate. are missing"):
         cornerforge.make_report(run_folder)
 

@@ -17,6 +17,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from edited_files import edit_object, write_object
 from html_page import Page, browse, needs_browser
 
 from cornerforge import analyse
@@ -49,7 +50,7 @@ ALL = [
 
 def change(file: Path, **values: Any) -> None:
     """Set top-level keys of a JSON file."""
-    file.write_text(json.dumps(json.loads(file.read_text(encoding="utf-8")) | values), encoding="utf-8")
+    edit_object(file, **values)
 
 
 def test_the_page_fetches_nothing(run_folder: Path) -> None:
@@ -291,7 +292,7 @@ def test_an_analysis_by_an_earlier_version_is_named_with_its_command(run_folder:
     file = run_folder / "analysis" / "analysis.json"
     values = analysis_of(run_folder)
     del values[key]
-    file.write_text(json.dumps(values), encoding="utf-8")
+    write_object(file, values)
     command = re.escape(f"cornerforge analyse {run_folder / 'library'} --out {run_folder / 'analysis'}")
     with pytest.raises(FileFormatError, match=f'"{key}" is missing; write the file again with: {command}'):
         write_report(run_folder)

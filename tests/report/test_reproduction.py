@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from edited_files import write_object
 
 from cornerforge.errors import FileFormatError
 from cornerforge.paper.registry import ITEMS
@@ -94,9 +95,9 @@ def write_items(folder: Path, **changes: Any) -> Path:
         about = {"id": name, "title": f"Item {name}", "place": "Figure", "says": "something", "notes": ["A note."]}
         items.append({**about, **a_row(), "rows": [a_row(), a_row(paper=None, interval=None)],
                       "data": drawable().get(name, {}), "seconds": 0.5, **changes})  # fmt: skip
-    (folder / "items.json").write_text(json.dumps({"effort": "quick", "seed": 0, "items": items}), encoding="utf-8")
+    write_object(folder / "items.json", {"effort": "quick", "seed": 0, "items": items})
     made = {"cornerforge": "0", "command": "cornerforge reproduce", "identity": {"seed": 0}, "machine": {"cores": 2}}
-    (folder / "provenance.json").write_text(json.dumps(made), encoding="utf-8")
+    write_object(folder / "provenance.json", made)
     return folder
 
 
@@ -174,7 +175,7 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
     write_items(tmp_path)
     content = json.loads((tmp_path / "items.json").read_text(encoding="utf-8"))
     del content["items"][0]["rows"]
-    (tmp_path / "items.json").write_text(json.dumps(content), encoding="utf-8")
+    write_object(tmp_path / "items.json", content)
     with pytest.raises(FileFormatError, match=r"items\[0\]\.rows.*missing"):
         write_reproduction(tmp_path)
     assert not (tmp_path / "index.html").exists()

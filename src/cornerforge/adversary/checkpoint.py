@@ -4,23 +4,30 @@ from __future__ import annotations
 
 import json
 import time
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save
 
-from cornerforge._files import part_of, writing
+from cornerforge._checksums import read_tensors, write_tensors
+from cornerforge._files import part_of
+from cornerforge._objects import object_fault
 from cornerforge.errors import FileFormatError, InputError, OutputError
+from cornerforge.fields import Field
 
-__all__ = ["CHECKPOINT_SCHEMA", "CheckpointFile", "TrainingState"]
+__all__ = ["CHECKPOINT_FIELDS", "CHECKPOINT_KEY", "CHECKPOINT_SCHEMA", "CheckpointFile", "TrainingState"]
 
-CHECKPOINT_SCHEMA = 4
+CHECKPOINT_SCHEMA = 5
+CHECKPOINT_KEY = "cornerforge_checkpoint"
+"""Name of the header in a checkpoint's metadata."""
+CHECKPOINT_FIELDS: tuple[Field, ...] = (
+    Field("schema_version", "int64", "", "Version of the file."),
+    Field("identity", "object", "", "What decides the result; a training goes on from its own states only."),
+    Field("values", "object", "", "The state beside the arrays: counters, random numbers, the curve so far."),
+)
+"""What the header of a checkpoint holds; its arrays are the networks, the optimiser and the replay memory."""
 _WRITING_SHARE = 20
 """Least time between two writes as a multiple of the duration of one: a slow disk costs at most 5 %."""
 
@@ -73,17 +80,8 @@ class CheckpointFile:
             OutputError: It cannot be written; the state before is still there.
         """
         begin = time.monotonic()
-        arrays = {name: np.asarray(array, order="C") for name, array in state.arrays.items()}  # as `save` needs them
-        values = json.dumps(dict(state.values))
-        header = {
-            "schema_version": CHECKPOINT_SCHEMA,
-            "identity": self.identity,
-            "values": values,
-            "crc32": _checksum(arrays, values),
-        }
-        content = save(arrays, metadata={"cornerforge_checkpoint": json.dumps(header)})
-        with writing(self.path, "the checkpoint") as part:
-            part.write_bytes(content)
+        header = {"schema_version": CHECKPOINT_SCHEMA, "identity": self.identity, "values": dict(state.values)}
+        write_tensors(self.path, CHECKPOINT_KEY, header, state.arrays, "the checkpoint")
         end = time.monotonic()
         self._next = end + max(self._every, _WRITING_SHARE * (end - begin))
 
@@ -97,18 +95,16 @@ class CheckpointFile:
         self._next = time.monotonic() + self._every
         if not self.path.exists():
             return None
-        try:
-            with safe_open(self.path, framework="numpy") as file:
-                header = json.loads((file.metadata() or {})["cornerforge_checkpoint"])
-                # The identity first: a user that named the wrong file should be told so, and nothing of schemas.
-                self._check_identity(header["identity"])
-                self._check_schema(header["schema_version"])
-                arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  (it is no mapping)
-            if _checksum(arrays, header["values"]) != header["crc32"]:
-                raise self._damaged("its checksum is wrong")
-            return TrainingState(arrays, json.loads(header["values"]))
-        except (SafetensorError, OSError, KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
-            raise self._damaged(f"{type(error).__name__}: {error}") from error
+        header, arrays = read_tensors(self.path, CHECKPOINT_KEY, "checkpoint", "remove it to begin again")
+        fault = object_fault(header, CHECKPOINT_FIELDS[:2])
+        if fault is None:
+            # The identity first: a user that named the wrong file should be told so, and nothing of schemas.
+            self._check_identity(header["identity"])
+            self._check_schema(header["schema_version"])
+            fault = object_fault(header, CHECKPOINT_FIELDS)
+        if fault is not None:
+            raise FileFormatError(f"Checkpoint {self.path} is damaged: {fault}; remove it to begin again.")
+        return TrainingState(arrays, header["values"])
 
     def remove(self) -> None:
         """Remove the file, if there is one, and what a kill while writing may have left of the next.
@@ -121,9 +117,6 @@ class CheckpointFile:
             self.path.unlink(missing_ok=True)
         except OSError as error:
             raise OutputError(f"Cannot remove {self.path}: {error.strerror}; remove it yourself.") from error
-
-    def _damaged(self, why: str) -> FileFormatError:
-        return FileFormatError(f"Checkpoint {self.path} is damaged or no checkpoint ({why}); remove it to begin again.")
 
     def _check_schema(self, schema: object) -> None:
         if schema != CHECKPOINT_SCHEMA:
@@ -140,12 +133,3 @@ class CheckpointFile:
                     f"{self.path} holds a training with {key} = {before!r}, not {now!r}; "
                     "go on with the same command and version, choose another place, or remove it."
                 )
-
-
-def _checksum(arrays: Mapping[str, NDArray[Any]], values: str) -> int:
-    """CRC-32 over names, contents and values: a flipped bit in the replay memory would go unnoticed otherwise."""
-    crc = zlib.crc32(values.encode())
-    for name in sorted(arrays):
-        crc = zlib.crc32(name.encode(), crc)
-        crc = zlib.crc32(np.ascontiguousarray(arrays[name]).reshape(-1).view(np.uint8).data, crc)
-    return crc

@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save
 
 from cornerforge._checks import check_number
-from cornerforge._files import writing
+from cornerforge._checksums import read_tensors, write_tensors
+from cornerforge._objects import object_fault
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
 from cornerforge.errors import FileFormatError, InputError
+from cornerforge.fields import Field
 from cornerforge.sim import N_OBSERVATION, OBSERVATION_VERSION
 
 __all__ = [
     "MAX_BUDGET",
+    "POLICY_FIELDS",
     "POLICY_SCHEMA",
     "Policy",
     "check_budget",
@@ -33,6 +33,22 @@ __all__ = [
 POLICY_SCHEMA = 1
 MAX_BUDGET = 1e6
 """Largest likelihood budget [nats], far above any shortfall of a test; a larger one is a mistake for "no limit"."""
+_KEY = "cornerforge"
+POLICY_FIELDS: tuple[Field, ...] = (
+    Field("schema_version", "int64", "", "Version of the file.", (POLICY_SCHEMA, POLICY_SCHEMA)),
+    Field("observation_version", "int64", "", "Version of the observation that it was trained for.", (1, 10**6)),
+    Field("network", "object", "", "Its shape: n_inputs, n_shared, n_stream and width."),
+    Field("bounded", "bool", "", "It takes only actions that the naturalistic model can take."),
+    Field(
+        "budget",
+        "float64",
+        "nats",
+        "Likelihood budget; null: no limit, and where it is not bounded.",
+        (0.0, MAX_BUDGET),
+    ),
+    Field("about", "object", "", "How it was trained: free text and numbers that nothing depends on."),
+)
+"""What the header of a policy holds; the weights are the array `weights`, float32."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +99,7 @@ def policy_hash(policy: Policy) -> str:
 
 
 def save_policy(policy: Policy, path: Path) -> None:
-    """Write a policy to a file beside, then rename it, so that a reader never sees half of it.
+    """Write a policy whole, or not at all.
 
     Raises:
         OutputError: It cannot be written; nothing is left of it then.
@@ -96,10 +112,7 @@ def save_policy(policy: Policy, path: Path) -> None:
         "budget": policy.budget,
         "about": dict(policy.about),
     }
-    # Not its own `save_file`: that gives the file to its owner only and reports a full disk as a fault of the format.
-    content = save({"weights": policy.weights}, metadata={"cornerforge": json.dumps(header, sort_keys=True)})
-    with writing(path, "the policy") as part:
-        part.write_bytes(content)
+    write_tensors(path, _KEY, header, {"weights": policy.weights}, "the policy")
 
 
 def load_policy(path: Path) -> Policy:
@@ -110,22 +123,18 @@ def load_policy(path: Path) -> Policy:
     """
     if not path.is_file():
         raise FileFormatError(f"No policy file {path}; make one with: cornerforge train --out {path}")
+    header, tensors = read_tensors(path, _KEY, "policy")
+    _check_versions(header, path)
+    fault = object_fault(header, POLICY_FIELDS)
+    if fault is not None:
+        raise FileFormatError(f"Policy file {path} is damaged: {fault}.")
     try:
-        with safe_open(path, framework="numpy") as file:
-            text = (file.metadata() or {}).get("cornerforge")
-            if text is None:
-                raise FileFormatError(f"{path} is a safetensors file but no policy of cornerforge.")
-            header = json.loads(text)
-            if not isinstance(header, dict):
-                raise FileFormatError(f"{path}: its header is no JSON object, so it is no policy of cornerforge.")
-            weights = file.get_tensor("weights")
-        _check_versions(header, path)
         shape = NetworkShape(**header["network"])
-        bounded = bool(header["bounded"])
+        bounded = header["bounded"]
         budget = check_budget(header["budget"], bounded=bounded)
         # A copy: what the file gives may not be writable, which kernels would take for another type.
-        policy = Policy(np.array(weights, dtype=np.float32), shape, bounded, header["about"], budget)
-    except (SafetensorError, OSError, KeyError, TypeError, json.JSONDecodeError, InputError) as error:
+        policy = Policy(np.array(tensors["weights"], dtype=np.float32), shape, bounded, header["about"], budget)
+    except (KeyError, TypeError, ValueError, InputError) as error:
         raise FileFormatError(
             f"Policy file {path} is damaged or no policy ({type(error).__name__}: {error})."
         ) from error

@@ -42,10 +42,11 @@ from cornerforge.cli.program import command, suite
 from cornerforge.world_options import PLAIN_ADVERSARIES
 
 if TYPE_CHECKING:
-    from cornerforge.results import Analysed, Queried, Replayed
+    from cornerforge.results import Analysed, Queried, Replayed, Verified
 
 __all__ = [
     "analyse", "generate", "plausibility", "query", "r157", "replay", "retest", "shrink", "suite_build", "variety",
+    "verify",
 ]  # fmt: skip
 
 
@@ -368,6 +369,34 @@ def query(
         return "\n".join("\t".join(map(str, row)) for row in [r.columns, *r.rows])
 
     run_command(lambda bars: cornerforge.query(library, sql), text, as_json=as_json, quiet=quiet, out=out)  # noqa: ARG005
+
+
+@command("cornerforge verify out/demo", "cornerforge verify model.npz policy.safetensors")
+def verify(
+    paths: Annotated[
+        list[Path], typer.Argument(metavar="PATH...", help="Files, or folders, which are searched.", show_default=False)
+    ],
+    seed: IdleSeed = 0,
+    threads: IdleThreads = None,
+    out: JsonFile = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Check that files are as they were written; exit status 1 if one is not."""
+
+    def text(r: Verified) -> str:
+        lines = [f"{one.file}: {one.fault}" for one in r.damaged]
+        lines.append(f"{r.whole:,} whole, {len(r.damaged):,} damaged")
+        if r.without_checksum:
+            lines[-1] += f", {len(r.without_checksum):,} without a checksum (such as {r.without_checksum[0]})"
+        return "\n".join([*lines[:-1], f"{lines[-1]}; {r.other:,} of other kinds, not read"])
+
+    result = run_command(
+        lambda bars: cornerforge.verify(paths, progress=bars), text, as_json=as_json, quiet=quiet, out=out
+    )
+    if result.damaged:
+        raise typer.Exit(EXIT_GATE)
 
 
 @command(

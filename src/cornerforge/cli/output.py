@@ -133,7 +133,7 @@ def run_command(
     if out is not None:
         from cornerforge.pipeline.output import write_json
 
-        write_json(out, content)
+        write_json(out, content, checksum=False)
     if as_json:
         typer.echo(json.dumps(content, allow_nan=False))
     elif not quiet:

@@ -199,7 +199,7 @@ def serve(
         from cornerforge.explorer.server import PORT
 
         if out is not None:
-            write_json(out, result_as_json(r))
+            write_json(out, result_as_json(r), checksum=False)
         if not r.usual_port and not quiet:
             typer.echo(f"Port {PORT} is taken by another program, so it is port {r.port}.", err=True)
         if r.token:

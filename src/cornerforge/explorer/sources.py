@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow as pa
-import pyarrow.parquet as pq
-from pyarrow.fs import LocalFileSystem
 
+from cornerforge._table_checks import read_parquet
 from cornerforge.errors import FileFormatError
 from cornerforge.library import CaseLibrary
 from cornerforge.results import Analysed
@@ -66,7 +65,7 @@ def read_analysis(folder: Path, library: Path) -> Analysis:
     """
     command = f"cornerforge analyse {library} --out {folder}"
     found = open_json(folder / "analysis.json", command).read(Analysed)
-    table = _read(folder / "cases.parquet", command, None)
+    table = read_parquet(folder / "cases.parquet", command)
     missing = {"case_id", "pc1", "pc2", "cluster"} - set(table.column_names)
     if missing:
         raise FileFormatError(
@@ -81,16 +80,4 @@ def read_ways_out(folder: Path, library: Path) -> pa.Table:
     Raises:
         FileFormatError: The file is missing or damaged.
     """
-    return _read(folder / "witnesses.parquet", f"cornerforge analyse {library} --out {folder}", _WAYS_OUT)
-
-
-def _read(file: Path, command: str, columns: tuple[str, ...] | None) -> pa.Table:
-    if not file.is_file():
-        raise FileFormatError(f"{file} is missing; write it with: {command}")
-    try:
-        # The local file system is named, because Arrow reads a path like run-10:30 as an address, ~ as the home folder.
-        return pq.read_table(
-            str(file.absolute()), columns=None if columns is None else list(columns), filesystem=LocalFileSystem()
-        )
-    except (pa.ArrowException, OSError) as error:
-        raise FileFormatError(f"{file} is damaged ({error}); write it again with: {command}") from None
+    return read_parquet(folder / "witnesses.parquet", f"cornerforge analyse {library} --out {folder}", _WAYS_OUT)

@@ -37,6 +37,8 @@ _FAMILIES = (
 )
 _BRAKING, _ACCELERATION = 8.0, 2.0
 _MAX_JSON = 50_000_000
+_SAFE_TORCH = (2, 10)
+"""Before, `torch.load` could run code of a file in spite of `weights_only` (CVE-2025-32434, CVE-2026-24747)."""
 
 
 class Sb3Av(NetworkAv):
@@ -76,13 +78,16 @@ def sb3_av(name: str, content: bytes) -> Sb3Av:
         content: Its bytes.
 
     Raises:
-        MissingExtraError: torch is not installed.
+        MissingExtraError: torch is not installed, or so old that it could run code of the file.
         FileFormatError: It is no file of Stable-Baselines3, or its policy is of another kind.
     """
     try:
         import torch
     except ImportError as error:
         raise MissingExtraError("torch", "learn") from error
+    if tuple(int(part) for part in torch.__version__.split(".")[:2]) < _SAFE_TORCH:
+        needed = "torch {}.{} or newer".format(*_SAFE_TORCH)
+        raise MissingExtraError(f"{needed} (this is {torch.__version__}, which a file could make run code)", "learn")
     torch.set_num_threads(1)
     settings, weights = _read(name, content)
     for text in ("features_extractor.", "shared_net."):

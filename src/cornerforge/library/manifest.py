@@ -15,9 +15,20 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from cornerforge._files import writing
+from cornerforge._checksums import check_json, with_checksum
+from cornerforge._files import read_bytes, reason, writing
+from cornerforge._objects import object_fault
 from cornerforge.errors import FileFormatError, InputError
-from cornerforge.library.schema import EXTRA_TYPES, ON_RAILS, SCHEMA_VERSION, SCRIPTED, schema_version
+from cornerforge.library.schema import (
+    EXTRA_TYPES,
+    FILE_FIELDS,
+    MANIFEST_FIELDS,
+    ON_RAILS,
+    SCHEMA_VERSION,
+    SCRIPTED,
+    SHARD_FIELDS,
+    schema_version,
+)  # fmt: skip
 from cornerforge.types import Odd
 
 __all__ = [
@@ -144,7 +155,7 @@ def write_manifest(folder: Path, manifest: Manifest) -> bytes:
     """Commit a manifest; returns the bytes written."""
     version = schema_version(scripted=manifest.scripted, on_rails=manifest.on_rails)
     content = {"format": _FORMAT, "schema_version": version, **asdict(manifest), "odd": manifest.odd.stated()}
-    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    text = json.dumps(with_checksum(content), indent=1, allow_nan=False) + "\n"
     replace_file(folder / MANIFEST, text.encode())
     return text.encode()
 
@@ -157,14 +168,14 @@ def read_manifest(folder: Path) -> tuple[Manifest, bytes]:
     """
     path = folder / MANIFEST
     try:
-        content = path.read_bytes()
+        content = read_bytes(path)
     except (FileNotFoundError, NotADirectoryError) as error:
         raise FileFormatError(f"{folder} is no case library: it holds no {MANIFEST}; `generate` makes one.") from error
     except OSError as error:
-        raise FileFormatError(f"Cannot read {path}: {error.strerror}.") from error
+        raise FileFormatError(f"Cannot read {path}: {reason(error)}.") from error
     try:
         parsed = json.loads(content)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise FileFormatError(f"{path} is damaged: {error}; restore it from a copy.") from error
     if not isinstance(parsed, dict) or parsed.get("format") != _FORMAT:
         raise FileFormatError(f"{path} is not the manifest of a case library; give the folder that `generate` made.")
@@ -176,31 +187,55 @@ def read_manifest(folder: Path) -> tuple[Manifest, bytes]:
             f"{folder} has library schema {version!r}, written by cornerforge {parsed.get('created_by')}; "
             f"this version reads schemas 1 to {SCHEMA_VERSION}: {advice}."
         )
+    fault = object_fault(parsed, MANIFEST_FIELDS) or _relation_fault(parsed)
+    if fault is not None:
+        raise FileFormatError(f"{path} is damaged: {fault}; restore it from a copy.")
+    parsed = check_json(path, parsed)
     try:
         return _parse(parsed), content
-    except (KeyError, TypeError, ValueError) as error:
-        raise FileFormatError(
-            f"{path} is damaged ({type(error).__name__}: {error}); restore it from a copy."
-        ) from error
+    except (KeyError, TypeError, ValueError, InputError) as error:
+        raise FileFormatError(f"{path} is damaged: {error}; restore it from a copy.") from error
+
+
+def _relation_fault(content: Mapping[str, Any]) -> str | None:
+    """Say what does not fit together in a manifest, or None."""
+    before, cases = -1, 0
+    for i, shard in enumerate(content["shards"]):
+        place = f"shards[{i}]"
+        fault = object_fault(shard, SHARD_FIELDS, place)
+        for key in ("cases_file", "tracks_file") if fault is None else ():
+            fault = fault or object_fault(shard[key], FILE_FIELDS, f"{place}.{key}")
+        if fault is not None:
+            return fault
+        first, last = shard["first_test"], shard["last_test"]
+        if not before < first <= last < content["next_test"]:
+            return f'"{place}" holds tests {first} to {last}; they must ascend after {before}, below "next_test"'
+        if shard["cases"] > last - first + 1:
+            return f'"{place}.cases" is {shard["cases"]}; it must be at most the number of its tests'
+        before, cases = last, cases + shard["cases"]
+    for key, least in (("crashes", cases), ("tests", content["crashes"])):
+        if content[key] < least:
+            return f'"{key}" is {content[key]}; it must be at least {least}'
+    return None
 
 
 def _parse(content: dict[str, Any]) -> Manifest:
     values = {name: content[name] for name in (field.name for field in fields(Manifest))}
     shards = tuple(_parse_shard(i, shard) for i, shard in enumerate(values.pop("shards")))
-    counts = (values["next_test"], values["tests"], values["crashes"])
-    if not isinstance(values["run"], dict) or not all(isinstance(count, int) for count in counts):
-        raise ValueError("run, next_test, tests or crashes is of another type")
-    if not set((values["extra"] or {}).values()) <= set(EXTRA_TYPES):
-        raise ValueError(f"extra columns {values['extra']}")
+    check_identity(values["run"])
+    extra = values["extra"] or {}
+    if not set(map(str, extra.values())) <= set(EXTRA_TYPES):
+        raise ValueError(f'"extra" is {extra}; its types must be {", ".join(EXTRA_TYPES)}')
     return Manifest(**values | {"odd": Odd.of_stated(values["odd"]), "shards": shards})
 
 
 def _parse_shard(index: int, content: dict[str, Any]) -> Shard:
-    files = [StoredFile(**content[key]) for key in ("cases_file", "tracks_file")]
+    both = [content[key] for key in ("cases_file", "tracks_file")]
+    files = [StoredFile(file["name"], file["size"], file["sha256"]) for file in both]
     # A manifest is input: it must not lead to files outside its folder.
     if tuple(file.name for file in files) not in (shard_names(index), shard_names(index, growing=True)):
         raise ValueError(f"shard {index} names the files {[file.name for file in files]}")
-    return Shard(int(content["cases"]), int(content["first_test"]), int(content["last_test"]), *files)
+    return Shard(content["cases"], content["first_test"], content["last_test"], *files)
 
 
 def first_difference(theirs: Manifest, run: Identity, odd: Odd) -> str | None:

@@ -18,11 +18,14 @@ from cornerforge.sim import START_FIELDS
 
 __all__ = [
     "EXTRA_TYPES",
+    "FILE_FIELDS",
+    "MANIFEST_FIELDS",
     "ON_RAILS",
     "RAILS_TRACKS",
     "SCHEMA_VERSION",
     "SCRIPTED",
     "SCRIPTED_TRACKS",
+    "SHARD_FIELDS",
     "arrow_schema",
     "check_extra_name",
     "schema_markdown",
@@ -43,6 +46,7 @@ SCRIPTED_TRACKS: tuple[Field, ...] = (
     Field(
         "start", "list of float64", "m, m/s, rad, m/s2, s",
         f"State of each stored vehicle at frame 0, one after the other, exactly: {', '.join(START_FIELDS)}.",
+        (-1e6, 1e6),
     ),
 )  # fmt: skip
 """Columns of the tracks file of a library of scripted cases. Stored: all vehicles; `action` is the script."""
@@ -56,7 +60,7 @@ RAILS_TRACKS: tuple[Field, ...] = (
         "rails", "list of float64", "m, m/s, rad, m/s2",
         "Where each vehicle is told to be at each frame, exactly: frame after frame, in it vehicle after vehicle, of "
         "each x, y, speed along and across the road, heading, acceleration and lane; NaN for the AV and where it is "
-        "absent.",
+        "absent.", (-1e6, 1e6),
     ),
 )  # fmt: skip
 """Columns of the tracks file of a library whose cases are on rails; `action` moves nobody there."""
@@ -68,6 +72,40 @@ EXTRA_TYPES: dict[str, pa.DataType] = {
     "str": pa.string(),
 }
 """Types that a caller's own columns may have, by the name that the manifest uses."""
+
+
+_COUNT = (0, 2**63 - 1)
+MANIFEST_FIELDS: tuple[Field, ...] = (
+    Field("format", "string", "", "Always `cornerforge case library`."),
+    Field("schema_version", "int64", "", "The lowest version that can read the library.", (1, SCHEMA_VERSION)),
+    Field("created_by", "string", "", "Version of cornerforge that created it."),
+    Field("run", "object", "", "What names the run: texts, numbers, true, false or null by name, with a whole `seed`."),
+    Field("odd", "object", "", "Road and rules: the fields of `cornerforge.Odd`; what is left out does not occur."),
+    Field("extra", "object", "", "Own columns of the library, type by name; null: no case yet."),
+    Field("shards", "list of object", "", "The shards, ascending by test."),
+    Field("next_test", "int64", "", "All tests below it are done.", _COUNT),
+    Field("tests", "int64", "", "Tests done.", _COUNT),
+    Field("crashes", "int64", "", "AV crashes among them; may exceed the cases stored.", _COUNT),
+    Field("finished", "bool", "", "The run reached its target."),
+    Field("sha256", "string", "", "Of the other keys; may be missing in libraries of version 0.1."),
+)
+"""What a manifest holds."""
+
+SHARD_FIELDS: tuple[Field, ...] = (
+    Field("cases", "int64", "", "How many cases it holds.", (1, 2**31 - 1)),
+    Field("first_test", "int64", "", "Its first test.", _COUNT),
+    Field("last_test", "int64", "", "Its last test.", _COUNT),
+    Field("cases_file", "object", "", "The file of its cases."),
+    Field("tracks_file", "object", "", "The file of its trajectories."),
+)
+"""What a manifest holds of a shard."""
+
+FILE_FIELDS: tuple[Field, ...] = (
+    Field("name", "string", "", "In the library's folder."),
+    Field("size", "int64", "bytes", "Of the file.", _COUNT),
+    Field("sha256", "string", "", "Of the file, 64 hex digits."),
+)
+"""What a manifest holds of a file."""
 
 
 def check_extra_name(name: str) -> str:
@@ -113,12 +151,14 @@ def schema_version(*, scripted: bool, on_rails: bool = False) -> int:
 
 
 def schema_markdown(columns: tuple[Field, ...]) -> str:
-    """Columns as a Markdown table: name, type, unit, meaning; for the documentation.
+    """Columns as a Markdown table: name, type, unit, allowed values, meaning; for the documentation.
 
     >>> print(schema_markdown(CASES[:1]))
-    | column | type | unit | meaning |
-    | --- | --- | --- | --- |
-    | `case_id` | string |  | Name of the case, seed:test. |
+    | column | type | unit | allowed | meaning |
+    | --- | --- | --- | --- | --- |
+    | `case_id` | string |  |  | Name of the case, seed:test. |
     """
-    rows = [f"| `{c.name}` | {c.type} | {c.unit} | {c.meaning.replace('|', chr(92) + '|')} |" for c in columns]
-    return "\n".join(["| column | type | unit | meaning |", "| --- | --- | --- | --- |", *rows])
+    rows = [
+        f"| `{c.name}` | {c.type} | {c.unit} | {c.allowed} | {c.meaning.replace('|', chr(92) + '|')} |" for c in columns
+    ]
+    return "\n".join(["| column | type | unit | allowed | meaning |", "| --- | --- | --- | --- | --- |", *rows])

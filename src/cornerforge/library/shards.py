@@ -6,9 +6,11 @@ import hashlib
 import math
 import os
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -16,22 +18,32 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from cornerforge._arrow import arrow_field
-from cornerforge.errors import InputError
-from cornerforge.fields import PARTNER, SHORTFALL
+from cornerforge._files import check_regular, reason
+from cornerforge._table_checks import TableChecks, with_checks
+from cornerforge._values import values_of
+from cornerforge.errors import FileFormatError, InputError
+from cornerforge.fields import BODY, CASES, PARTNER, SHORTFALL, TRACKS
 from cornerforge.library.manifest import Shard, StoredFile, replace_file, shard_names
 from cornerforge.library.record import CaseRecord, extra_kinds
 from cornerforge.library.schema import EXTRA_TYPES
 from cornerforge.library.tables import ROW_GROUP, parquet_bytes
+from cornerforge.library.values import ShardFacts, cases_fault, tracks_fault
+from cornerforge.types import Odd
 
 __all__ = [
     "DamagedShardWarning",
     "EncodedShard",
     "ShardReader",
+    "Tracks",
     "encode_shard",
     "encode_tables",
     "joined",
     "write_shard",
 ]
+
+
+_LATER = (*SHORTFALL, *PARTNER)
+"""Columns that early libraries lack."""
 
 
 class DamagedShardWarning(UserWarning):
@@ -71,7 +83,7 @@ def encode_tables(cases: pa.Table, tracks: pa.Table, extra: Mapping[str, str]) -
         extra: The caller's own columns, name to a key of `schema.EXTRA_TYPES`.
     """
     # In one piece, so that the bytes do not depend on how the rows came together.
-    tables = (cases.combine_chunks(), tracks.combine_chunks())
+    tables = (with_checks(cases.combine_chunks()), with_checks(tracks.combine_chunks()))
     contents = (parquet_bytes(tables[0]), parquet_bytes(tables[1], ROW_GROUP))
     hashes = [hashlib.sha256(content).hexdigest() for content in contents]
     tests = cases.column("test").to_numpy()
@@ -124,6 +136,33 @@ def write_shard(folder: Path, index: int, shard: EncodedShard, *, growing: bool 
     return Shard(shard.cases, shard.first_test, shard.last_test, *files)
 
 
+class Tracks:
+    """The trajectories of an undamaged shard.
+
+    Args:
+        file: Its file.
+        checks: The checksums that the file carries, if any.
+        found: Is told what is wrong with the rows that are read, None for nothing; says whether they may be used.
+    """
+
+    def __init__(
+        self, file: pq.ParquetFile, checks: TableChecks | None, found: Callable[[pa.Table, int, str | None], bool]
+    ) -> None:
+        self._file, self._checks, self._found = file, checks, found
+
+    def all(self) -> pa.Table | None:
+        """Read all cases; None if something is wrong with them."""
+        table = self._file.read()
+        fault = None if self._checks is None else self._checks.fault(table)
+        return table if self._found(table, 0, fault) else None
+
+    def case(self, row: int) -> pa.Table | None:
+        """Read the case of a row, as a table of one row; None if something is wrong with it."""
+        table = self._file.read_row_group(row // ROW_GROUP).slice(row % ROW_GROUP, 1).combine_chunks()
+        fault = None if self._checks is None else self._checks.row_fault(table, row)
+        return table if self._found(table, row, fault) else None
+
+
 class ShardReader:
     """Reads the files of a library; a damaged file is named once, in `damaged` and by a warning, and then skipped.
 
@@ -131,10 +170,11 @@ class ShardReader:
         damaged: File name to what is wrong with it.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, seed: int, odd: Odd) -> None:
         self.damaged: dict[str, str] = {}
-        self._folder = folder
+        self._folder, self._seed, self._odd = folder, seed, odd
         self._last_tracks: tuple[str, pa.Buffer, pq.FileMetaData] | None = None
+        self._checked: set[tuple[str, tuple[str, ...] | None]] = set()
 
     def check_sizes(self, shards: Iterable[Shard]) -> None:
         """Look for files that are missing or truncated; checksums are compared when a file is read."""
@@ -145,7 +185,8 @@ class ShardReader:
                 if size is None:
                     self._note(file.name, "is missing")
                 elif size != file.size:
-                    self._note(file.name, f"has {size} of {file.size} bytes")
+                    changed = _where(_arrow_bytes(path)) or f"has {size} of {file.size} bytes"
+                    self._note(file.name, changed)
 
     def read(self, file: StoredFile) -> pa.Buffer | None:
         """Give a file's content if it is undamaged, else None. The bytes checked are the bytes parsed.
@@ -158,44 +199,126 @@ class ShardReader:
         try:
             content = _arrow_bytes(self._folder / file.name)
         except OSError as error:
-            self._note(file.name, f"cannot be read ({error.strerror})")
+            self._note(file.name, f"cannot be read ({reason(error)})")
             return None
         fault = file.fault(memoryview(content))
         if fault is not None:
-            self._note(file.name, fault)
+            self._note(file.name, _where(content) or fault)
             return None
         return content
 
     def cases(self, shard: Shard, columns: Sequence[str] | None) -> pa.Table | None:
-        """Read columns (None: all) of a shard's cases, or None if the file is damaged."""
+        """Read columns (None: all) of a shard's cases, or None if the file is damaged.
+
+        Raises:
+            FileFormatError: A value is not what `fields.CASES` and `values.CASE_RELATIONS` say.
+        """
         content = self.read(shard.cases_file)
         if content is None:
             return None
-        there = pq.read_schema(pa.BufferReader(content)).names
         wanted = None if columns is None else list(columns)
-        if all(field.name in there for field in (*SHORTFALL, *PARTNER)):
-            return pq.read_table(pa.BufferReader(content), columns=wanted)
-        table = _with_partner(_with_shortfall(pq.read_table(pa.BufferReader(content))))
+        with self._parsing(shard.cases_file):
+            there = pq.read_schema(pa.BufferReader(content)).names
+            is_early = not all(field.name in there for field in _LATER)
+            missing = {field.name for field in CASES} - {field.name for field in _LATER} - set(there)
+            if missing:
+                raise self._wrong(shard.cases_file, f'it lacks the column "{min(missing)}"')
+            table = pq.read_table(pa.BufferReader(content), columns=None if is_early else wanted)
+            checks = TableChecks.of(table.schema)
+        if table.num_rows != shard.cases:
+            raise self._wrong(shard.cases_file, f"it holds {table.num_rows} cases, the manifest says {shard.cases}")
+        key = shard.cases_file.sha256, None if wanted is None else tuple(wanted)
+        if key not in self._checked:
+            if checks is not None and (fault := checks.fault(table)) is not None:
+                self._note(shard.cases_file.name, fault)
+                return None
+            fault = cases_fault(table, self._facts(shard))
+            if fault is not None:
+                raise self._wrong(shard.cases_file, fault)
+            self._checked.add(key)
+        if not is_early:
+            return table
+        table = _with_partner(_with_shortfall(table))
         return table if wanted is None else table.select(wanted)
 
-    def tracks(self, shard: Shard) -> pq.ParquetFile | None:
+    def tracks(self, shard: Shard, cases: pa.Table) -> Tracks | None:
         """Read a shard's trajectories, or None if the file is damaged.
 
         The last file's bytes stay in memory, because cases are mostly read one after the other. Each call gets a reader
         of its own: two threads with one would take what it has buffered from each other.
+
+        Args:
+            shard: The shard.
+            cases: All columns of its cases.
+
+        Raises:
+            FileFormatError: The file is no table of trajectories; `Tracks` raises it where a value is not what
+                `schema.RAILS_TRACKS` and `values.TRACK_RELATIONS` say.
         """
-        last = self._last_tracks
-        if last is None or last[0] != shard.tracks_file.sha256:
-            content = self.read(shard.tracks_file)
-            if content is None:
-                return None
-            last = shard.tracks_file.sha256, content, pq.read_metadata(pa.BufferReader(content))
-            self._last_tracks = last
-        return pq.ParquetFile(pa.BufferReader(last[1]), metadata=last[2])
+        last, stored = self._last_tracks, shard.tracks_file
+        with self._parsing(stored):
+            if last is None or last[0] != stored.sha256:
+                content = self.read(stored)
+                if content is None:
+                    return None
+                last = stored.sha256, content, pq.read_metadata(pa.BufferReader(content))
+                self._last_tracks = last
+            file = pq.ParquetFile(pa.BufferReader(last[1]), metadata=last[2])
+            checks = TableChecks.of(file.schema_arrow)
+        missing = {field.name for field in TRACKS} - {body.column.name for body in BODY} - set(file.schema_arrow.names)
+        if missing:
+            raise self._wrong(stored, f'it lacks the column "{min(missing)}"')
+        if file.metadata.num_rows != shard.cases:
+            raise self._wrong(stored, f"it holds {file.metadata.num_rows} cases, the manifest says {shard.cases}")
+
+        def found(table: pa.Table, row: int, fault: str | None) -> bool:
+            if fault is not None:
+                self._note(stored.name, fault)
+                return False
+            key = f"{stored.sha256} {row} {table.num_rows}", None
+            if key not in self._checked:
+                rows = cases.slice(row, table.num_rows)
+                known = {name: values_of(rows.column(name)) for name in rows.column_names if name != "history"}
+                fault = tracks_fault(table, self._facts(shard, known))
+                if fault is not None:
+                    raise self._wrong(stored, fault)
+                self._checked.add(key)
+            return True
+
+        return Tracks(file, checks, found)
+
+    def _facts(self, shard: Shard, cases: Mapping[str, Any] | None = None) -> ShardFacts:
+        return ShardFacts(self._seed, self._odd, shard.first_test, shard.last_test, cases)
+
+    def _wrong(self, file: StoredFile, fault: str) -> FileFormatError:
+        return FileFormatError(f"{self._folder / file.name}: {fault}; restore it from a copy, or generate it again.")
+
+    @contextmanager
+    def _parsing(self, file: StoredFile) -> Iterator[None]:
+        """Name the file that Arrow cannot read, although its bytes are those that were written."""
+        try:
+            yield
+        except (pa.ArrowException, OSError, ValueError, KeyError) as error:
+            raise self._wrong(file, f"it is no table of cases ({type(error).__name__}: {error})") from error
 
     def _note(self, name: str, fault: str) -> None:
         self.damaged[name] = fault
         warnings.warn(f"{self._folder / name} {fault}; what it holds is left out.", DamagedShardWarning, stacklevel=3)
+
+
+def _where(content: pa.Buffer) -> str | None:
+    """Find where a file of other bytes than were written has been changed: the column that cannot be read, or cells."""
+    try:
+        file = pq.ParquetFile(pa.BufferReader(content))
+        checks = TableChecks.of(file.schema_arrow)
+    except (pa.ArrowException, OSError, ValueError):
+        return None
+    for name in file.schema_arrow.names:
+        try:
+            file.read(columns=[name])
+        except (pa.ArrowException, OSError, ValueError):
+            return f'has been changed: its column "{name}" cannot be read'
+    return None if checks is None else checks.fault(file.read())
 
 
 def _with_partner(table: pa.Table) -> pa.Table:
@@ -233,6 +356,7 @@ def _arrow_bytes(path: Path) -> pa.Buffer:
     Raises:
         OSError: The file cannot be read.
     """
+    check_regular(path)
     with path.open("rb") as file:
         buffer = pa.allocate_buffer(os.fstat(file.fileno()).st_size)
         return buffer.slice(0, file.readinto(buffer))

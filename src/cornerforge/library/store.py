@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -32,8 +33,16 @@ from cornerforge.library.manifest import (
 from cornerforge.library.query import run_sql
 from cornerforge.library.record import CaseRecord, extra_kinds
 from cornerforge.library.schema import arrow_schema
-from cornerforge.library.shards import EncodedShard, ShardReader, encode_shard, encode_tables, joined, write_shard
-from cornerforge.library.tables import ROW_GROUP, restore, script_of
+from cornerforge.library.shards import (
+    DamagedShardWarning,
+    EncodedShard,
+    ShardReader,
+    encode_shard,
+    encode_tables,
+    joined,
+    write_shard,
+)
+from cornerforge.library.tables import restore, script_of
 from cornerforge.sim import Script
 from cornerforge.types import Odd, Scenario
 
@@ -70,7 +79,7 @@ class CaseLibrary:
         self._path = path
         self._manifest = manifest
         self._committed = committed  # the manifest's bytes, to notice a second writer; None: read only
-        self._reader = ShardReader(path)
+        self._reader = ShardReader(path, _seed_of(manifest), manifest.odd)
 
     @classmethod
     def create(cls, path: Path | str, identity: Identity, odd: Odd) -> CaseLibrary:
@@ -267,8 +276,7 @@ class CaseLibrary:
         shards = self._manifest.shards
         if not shards or shards[-1].cases >= shard_cases:
             return None
-        cases, tracks = self._reader.cases(shards[-1], None), self._reader.tracks(shards[-1])
-        return None if cases is None or tracks is None else (cases, tracks.read())
+        return self._both(shards[-1])
 
     def fill(
         self, cases: pa.Table, tracks: pa.Table, extra: Mapping[str, str], *, next_test: int, tests: int, crashes: int,
@@ -413,9 +421,16 @@ class CaseLibrary:
             `schema.TRACKS`.
         """
         for shard in self._manifest.shards:
-            cases, tracks = self._reader.cases(shard, None), self._reader.tracks(shard)
-            if cases is not None and tracks is not None:
-                yield cases, tracks.read()
+            both = self._both(shard)
+            if both is not None:
+                yield both
+
+    def _both(self, shard: Shard) -> tuple[pa.Table, pa.Table] | None:
+        """Read a shard's cases and trajectories; None if one of the two is damaged."""
+        cases = self._reader.cases(shard, None)
+        tracks = None if cases is None else self._reader.tracks(shard, cases)
+        motion = None if tracks is None else tracks.all()
+        return None if cases is None or motion is None else (cases, motion)
 
     def history(self) -> tuple[list[str], NDArray[np.float64]]:
         """Read the last seconds before each crash.
@@ -461,16 +476,16 @@ class CaseLibrary:
         """
         shard = self._shard_of(case_id)
         table = self._reader.cases(shard, None)
-        tracks = None if table is None else self._reader.tracks(shard)
-        if table is None or tracks is None:
+        ids = [] if table is None else table.column("case_id").to_pylist()
+        if table is not None and case_id not in ids:
+            raise self._unknown(case_id, int(case_id.partition(":")[2]), table.column("test").to_pylist())
+        tracks = None if table is None else self._reader.tracks(shard, table)
+        motion = None if tracks is None else tracks.case(ids.index(case_id))
+        if table is None or motion is None:
             raise FileFormatError(
                 f"Case {case_id} lies in a damaged shard: {'; '.join(self.damaged)}; generate it again."
             )
-        ids = table.column("case_id").to_pylist()
-        if case_id not in ids:
-            raise self._unknown(case_id, int(case_id.partition(":")[2]), table.column("test").to_pylist())
-        row = ids.index(case_id)
-        return self._stored(table, row, tracks.read_row_group(row // ROW_GROUP), row % ROW_GROUP)
+        return self._stored(table, ids.index(case_id), motion, 0)
 
     def scenarios(self, case_ids: Collection[str]) -> Iterator[StoredCase]:
         """Read cases with their trajectories, in the order of the library: many at once cost a tenth of one by one.
@@ -489,10 +504,10 @@ class CaseLibrary:
             if case_id not in known:
                 self.scenario(case_id)  # raises the error
         for shard in sorted(wanted, key=lambda one: one.first_test):
-            table, tracks = self._reader.cases(shard, None), self._reader.tracks(shard)
-            if table is None or tracks is None:
+            both = self._both(shard)
+            if both is None:
                 raise FileFormatError(f"A shard is damaged: {'; '.join(self.damaged)}; generate its cases again.")
-            motion = tracks.read().combine_chunks()
+            table, motion = both[0], both[1].combine_chunks()
             for row, case_id in enumerate(table.column("case_id").to_pylist()):
                 if case_id in wanted[shard]:
                     yield self._stored(table, row, motion, row)
@@ -505,11 +520,32 @@ class CaseLibrary:
         return StoredCase(scenario, scalars, history, script_of(scenario, tracks, track))
 
     def verify(self) -> list[str]:
-        """Read every file and compare checksums; returns `damaged`."""
+        """Read every file and check all that can be checked; returns `damaged`, and files with impossible values."""
+        return [f"{name} {fault}" for name, fault in self.faults() if fault is not None]
+
+    def faults(self) -> Iterator[tuple[str, str | None]]:
+        """Read file after file and check all that can be checked.
+
+        Yields:
+            The file's name, and what is wrong with it, or None.
+        """
         for shard in self._manifest.shards:
-            for file in (shard.cases_file, shard.tracks_file):
-                self._reader.read(file)
-        return self.damaged
+            wrong: dict[str, str] = {}
+            names = shard.cases_file.name, shard.tracks_file.name
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", DamagedShardWarning)
+                try:
+                    wanted = names[0]
+                    cases = self._reader.cases(shard, None)
+                    wanted = names[1]
+                    if cases is None:
+                        self._reader.read(shard.tracks_file)
+                    elif (tracks := self._reader.tracks(shard, cases)) is not None:
+                        tracks.all()
+                except FileFormatError as error:
+                    wrong[wanted] = str(error).removeprefix(f"{self._path / wanted}: ")
+            for name in names:
+                yield name, wrong.get(name, self._reader.damaged.get(name))
 
     def _shard_of(self, case_id: str) -> Shard:
         seed, _, number = case_id.partition(":")
@@ -532,6 +568,12 @@ class CaseLibrary:
         seed = self._manifest.run["seed"]
         ids = [f"{seed}:{other}" for other in near]
         return UnknownCaseError(case_id, ids, len(self), str(self._path), is_near=test is not None)
+
+
+def _seed_of(manifest: Manifest) -> int:
+    seed = manifest.run["seed"]
+    assert isinstance(seed, int)
+    return seed
 
 
 def _holds_library(folder: Path, identity: Identity, odd: Odd) -> bool:

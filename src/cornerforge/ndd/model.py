@@ -8,9 +8,7 @@ subject speed 20..40 by 1 m/s, gap 0..115 by 1 m, range rate -10..8 by 1 m/s (le
 from __future__ import annotations
 
 import hashlib
-import io
 import json
-import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict, astuple, dataclass, field
 from pathlib import Path
@@ -19,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._files import writing
+from cornerforge._checksums import read_arrays, write_arrays
 from cornerforge.errors import FileFormatError
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID
 from cornerforge.ndd.memory import Memory
@@ -225,8 +223,7 @@ def save_model(model: NddModel, path: Path) -> None:
     }
     text = json.dumps(header, sort_keys=True, indent=1)
     tables = {name: getattr(model, name).astype(np.float32) for name in _SHAPES}
-    with writing(path, "the model") as part, part.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, header=np.array(text), **tables)
+    write_arrays(path, {"header": np.array(text), **tables}, "the model")
 
 
 def load_model(path: Path) -> NddModel:
@@ -239,18 +236,17 @@ def load_model(path: Path) -> NddModel:
         raise FileFormatError(
             f"No model file {path}; make one with: cornerforge ndd fit FILE... --format F --out {path}"
         )
+    arrays = read_arrays(path, "model")
     try:
-        # From memory: of a cut-off file np.load would leave the handle open.
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
-            header = json.loads(str(file["header"]))
-            version = header.get("schema_version")
-            if version not in _READABLE:
-                raise FileFormatError(
-                    f"Model file {path} has schema version {version}; this cornerforge reads {SCHEMA_VERSION}. "
-                    "Fit it again, or install the version that made it."
-                )
-            stored = [name for name in _SHAPES if version > 1 or name != "lc_turn_back"]
-            tables: dict[str, Any] = {name: np.ascontiguousarray(file[name], dtype=np.float32) for name in stored}
+        header = json.loads(str(arrays["header"]))
+        version = header.get("schema_version")
+        if version not in _READABLE:
+            raise FileFormatError(
+                f"it has schema version {version}; this cornerforge reads {SCHEMA_VERSION}: fit it again, or install "
+                "the version that made it."
+            )
+        stored = [name for name in _SHAPES if version > 1 or name != "lc_turn_back"]
+        tables: dict[str, Any] = {name: np.ascontiguousarray(arrays[name], dtype=np.float32) for name in stored}
         if version == 1:  # who would certainly refuse the gap turned back
             refused = np.minimum(tables["lc_accept_lead"], tables["lc_accept_rear"]) == 0.0
             tables["lc_turn_back"] = refused.astype(np.float32)
@@ -266,7 +262,7 @@ def load_model(path: Path) -> NddModel:
         )
     except FileFormatError as error:
         raise FileFormatError(f"{path}: {error}") from error
-    except (OSError, KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
         raise FileFormatError(
             f"Model file {path} is damaged or no cornerforge model ({type(error).__name__}: {error})."
         ) from error

@@ -18,7 +18,7 @@ from cornerforge.library import CaseLibrary
 from cornerforge.library.natural import is_natural, natural_weights
 from cornerforge.pipeline.judges import LEAD_S, has_way_out, judges_of
 from cornerforge.pipeline.natural import natural_shares
-from cornerforge.pipeline.output import open_output, provenance, write_json, writing
+from cornerforge.pipeline.output import open_output, provenance, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_threads
 from cornerforge.rates.intervals import binomial_interval, share_interval
@@ -453,7 +453,8 @@ def _top(cases: CaseLibrary, found: Analysis, table: pa.Table, value: Value, row
 
 def _write(out: Path, analysed: Analysed, found: Analysis, table: pa.Table, witnesses: pa.Table) -> None:
     import pyarrow as pa
-    import pyarrow.parquet as pq
+
+    from cornerforge._table_checks import write_parquet
 
     points = pa.table({name: pa.array(values) for name, values in found.points.items()})
     everything = points
@@ -462,6 +463,4 @@ def _write(out: Path, analysed: Analysed, found: Analysis, table: pa.Table, witn
             everything = everything.append_column(field, table.column(field.name))
     write_json(out / "analysis.json", as_json(analysed))
     for name, content in (("points", points), ("cases", everything), ("witnesses", witnesses)):
-        # Arrow gets an open file: it reads a path like run-10:30 as an address, and ~ as the home folder.
-        with writing(out / f"{name}.parquet") as part, part.open("wb") as file:
-            pq.write_table(content, file)
+        write_parquet(out / f"{name}.parquet", content)

@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save
 
+from cornerforge._checksums import read_tensors, write_tensors
+from cornerforge._objects import object_fault
 from cornerforge.drivers.avs import AVS, AvModel, AvNetwork, av_named
 from cornerforge.drivers.policy import NetworkShape, n_weights
 from cornerforge.drivers.sight import Sight
 from cornerforge.errors import FileFormatError, InputError
-from cornerforge.pipeline.output import writing
+from cornerforge.fields import Field
 from cornerforge.sim import AV_FEATURES_VERSION, LEARNED_WIDTH, N_AV_FEATURES
 
-__all__ = ["AV_FILE_SCHEMA", "av_of", "load_av", "rl_av_path", "save_av"]
+__all__ = ["AV_FIELDS", "AV_FILE_SCHEMA", "av_of", "load_av", "rl_av_path", "save_av"]
 
 AV_FILE_SCHEMA = 1
 _KEY = "cornerforge_av"
+AV_FIELDS: tuple[Field, ...] = (
+    Field("schema_version", "int64", "", "Version of the file."),
+    Field("features_version", "int64", "", "Version of the features on which it learned."),
+    Field("network", "object", "", "Its shape: n_inputs, n_shared, n_stream and width."),
+    Field("about", "object", "", "How it was trained: free text and numbers; `about` in it is shown by `avs`."),
+)
+"""What the header of a learned AV holds; the weights are the array `weights`, float32."""
 _SIGHTS = {1: Sight("decision"), AV_FEATURES_VERSION: Sight()}
 """What an AV sees of lane changes, by the version of the features on which it learned."""
 
@@ -62,9 +68,7 @@ def save_av(network: AvNetwork, about: Mapping[str, Any], path: Path) -> None:
         "network": asdict(network.shape),
         "about": dict(about),
     }
-    content = save({"weights": network.weights}, metadata={_KEY: json.dumps(header, sort_keys=True)})
-    with writing(path) as part:
-        part.write_bytes(content)
+    write_tensors(path, _KEY, header, {"weights": network.weights}, "the AV")
 
 
 def load_av(path: Path) -> AvModel:
@@ -75,17 +79,16 @@ def load_av(path: Path) -> AvModel:
     """
     if not path.is_file():
         raise FileFormatError(f"No AV file {path}; make one with: cornerforge train-av --out {path}")
+    header, tensors = read_tensors(path, _KEY, "learned AV")
+    fault = object_fault(header, AV_FIELDS)
+    if fault is not None:
+        raise FileFormatError(f"AV file {path} is damaged: {fault}.")
+    _check_versions(header, path)
     try:
-        with safe_open(path, framework="numpy") as file:
-            text = (file.metadata() or {}).get(_KEY)
-            if text is None:
-                raise FileFormatError(f"{path} is a safetensors file but no learned AV of cornerforge.")
-            header = json.loads(text)
-            _check_versions(header, path)
-            shape = NetworkShape(**header["network"])
-            weights = np.ascontiguousarray(file.get_tensor("weights"), dtype=np.float32)
+        shape = NetworkShape(**header["network"])
+        weights = np.ascontiguousarray(tensors["weights"], dtype=np.float32)
         about = header["about"].get("about", "a learned AV")
-    except (SafetensorError, OSError, KeyError, TypeError, AttributeError, ValueError, InputError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError, InputError) as error:
         raise FileFormatError(f"AV file {path} is damaged or no AV ({type(error).__name__}: {error}).") from error
     if shape.n_inputs != N_AV_FEATURES or shape.width > LEARNED_WIDTH or weights.shape != (n_weights(shape),):
         raise FileFormatError(f"AV file {path} is damaged: its weights do not fit its network.")

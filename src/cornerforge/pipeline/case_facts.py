@@ -7,11 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-import pyarrow.parquet as pq
-from pyarrow.fs import LocalFileSystem
-
-from cornerforge.errors import CornerForgeError, FileFormatError
+from cornerforge._table_checks import read_parquet
+from cornerforge.errors import CornerForgeError
 from cornerforge.interchange.cases import Fact, OutCase
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.natural import natural_weights
@@ -84,11 +81,5 @@ def _analysed(folder: Path | None) -> Mapping[str, dict[str, Any]]:
     """Read what an analysis says of each case; nothing without one."""
     if folder is None:
         return {}
-    try:
-        file = pq.ParquetFile(LocalFileSystem().open_input_file(str((folder / "cases.parquet").absolute())))
-        columns = [name for name in ("case_id", *_ANALYSED) if name in file.schema_arrow.names]
-        return {row.pop("case_id"): row for row in file.read(columns).to_pylist()}
-    except (pa.ArrowException, OSError) as error:
-        raise FileFormatError(
-            f"The analysis {folder} is damaged ({error}); make it again, or move it away: cases then lack what it says."
-        ) from None
+    table = read_parquet(folder / "cases.parquet", "cornerforge analyse", ("case_id", *_ANALYSED), fewer=True)
+    return {row.pop("case_id"): row for row in table.to_pylist()}

@@ -8,10 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
-from pyarrow.fs import LocalFileSystem
 
+from cornerforge._table_checks import read_parquet
 from cornerforge.adversary.policy_file import load_policy
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.fields import REALS
@@ -232,7 +230,7 @@ def query(library: Path | str, sql: str) -> Queried:
     folder = Path(library)
     analysed = folder / _ANALYSED
     if not (folder / MANIFEST).exists() and analysed.is_file():
-        columns, rows = run_sql(_read_parquet(analysed), sql)
+        columns, rows = run_sql(read_parquet(analysed, "cornerforge analyse"), sql)
     else:
         _point_below(folder)
         columns, rows = CaseLibrary.open(folder).query(sql)
@@ -248,19 +246,6 @@ def _point_below(folder: Path) -> None:
     below = [path for path in (folder / "library", folder / "analysis") if path.is_dir()]
     if below and not (folder / MANIFEST).exists():
         raise InputError(f"{folder} is no case library; give a folder in it: {' or '.join(map(str, below))}")
-
-
-def _read_parquet(path: Path) -> pa.Table:
-    """Read a Parquet file that cornerforge wrote.
-
-    Raises:
-        FileFormatError: The file is damaged.
-    """
-    try:
-        # The local file system is named, because Arrow reads a path like run-10:30 as an address, ~ as the home folder.
-        return pq.read_table(str(path.absolute()), filesystem=LocalFileSystem())
-    except (pa.ArrowException, OSError) as error:
-        raise FileFormatError(f"{path} is damaged ({error}); write it again with: cornerforge analyse") from None
 
 
 def _plain(value: object) -> Any:

@@ -10,15 +10,17 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cornerforge._checks import check_integer
+from cornerforge._objects import object_fault
 from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.errors import FileFormatError, InputError
+from cornerforge.fields import Field
 from cornerforge.ndd.model import NddModel, model_hash
 from cornerforge.ndd.uncertainty import check_drawable, drawn_model, drawn_variations
 from cornerforge.pipeline.output import read_json_file, write_json
@@ -39,7 +41,7 @@ from cornerforge.results import NaturalRate
 from cornerforge.results.driving import Cost, ModelUncertainty
 from cornerforge.sim import BUILT_IN, Plan
 
-__all__ = ["check_model_draws", "with_model_draws"]
+__all__ = ["DRAW_FIELDS", "check_model_draws", "with_model_draws"]
 
 _TREES_EACH = 20_000
 _CRASHES_EACH = 25
@@ -49,6 +51,25 @@ _TRAFFIC_TESTS = 4 * BLOCK
 _MOST_IN_ONE_TREE = 0.5
 _USE = 3
 """Makes seeds of the draws others than those of `Splitting`."""
+
+
+_COUNT = (0, 2**63 - 1)
+_AT_LEAST_0 = (0.0, 1e300)
+DRAW_FIELDS: tuple[Field, ...] = (
+    Field("method", "string", "", "How the rate was found."),
+    Field("tests", "int64", "", "From how many tests or trees.", _COUNT),
+    Field("model_hash", "string", "", "Which model."),
+    Field("factors", "object", "", "Times what its numbers are of the model in use."),
+    Field("rate", "float64", "per test", "Crashes of the AV.", _AT_LEAST_0),
+    Field("error", "float64", "per test", "Its standard error.", _AT_LEAST_0),
+    Field("largest", "float64", "", "Largest share of the rate in one tree; 0 for counts.", (0.0, 1.0)),
+    Field("lost", "int64", "", "Copies of worlds that found no room.", _COUNT),
+    Field("traffic_tests", "int64", "", "Plain tests besides, in which crashes between BVs were counted.", _COUNT),
+    Field("bv_crashes", "int64", "", "Crashes between BVs in them.", _COUNT),
+    Field("cpu_seconds", "float64", "s", "Time on processors.", _AT_LEAST_0),
+    Field("seconds", "float64", "s", "Wall-clock time.", _AT_LEAST_0),
+)
+"""What a file of `draws/` holds: one model's rate."""
 
 
 @dataclass(frozen=True)
@@ -256,9 +277,9 @@ def _read(place: Path) -> _Draw:
         FileFormatError: It is damaged.
     """
     content = read_json_file(place)
-    numbers = [content.get(name) for name in ("rate", "error", "largest", "tests", "lost", "bv_crashes")]
-    if set(content) != {field.name for field in fields(_Draw)} or not all(
-        isinstance(number, (int, float)) and number >= 0 for number in numbers
-    ):
-        raise FileFormatError(f"{place} is damaged (other fields); remove it, or choose another place.")
+    fault = object_fault(content, DRAW_FIELDS)
+    if fault is None and len(content) != len(DRAW_FIELDS):
+        fault = "it holds other fields"
+    if fault is not None:
+        raise FileFormatError(f"{place} is damaged: {fault}; remove it, or choose another place.")
     return _Draw(**content)

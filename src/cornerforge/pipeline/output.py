@@ -18,8 +18,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from cornerforge._checksums import read_json, with_checksum
 from cornerforge._files import part_of, reason, writing
-from cornerforge.errors import FileFormatError, InputError, OutputError
+from cornerforge.errors import InputError, OutputError
 from cornerforge.execution import code_hash
 
 __all__ = [
@@ -63,24 +64,19 @@ def write_text(path: Path, text: str) -> None:
         part.write_text(text, encoding="utf-8")
 
 
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a JSON file whole; NaN and infinity are refused."""
-    write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+def write_json(path: Path, content: Mapping[str, Any], *, checksum: bool = True) -> None:
+    """Write a JSON file whole, with its checksum if wanted; NaN and infinity are refused."""
+    told = with_checksum(content) if checksum else dict(content)
+    write_text(path, json.dumps(told, indent=1, allow_nan=False) + "\n")
 
 
 def read_json_file(path: Path) -> dict[str, Any]:
-    """Read a JSON object.
+    """Read a JSON object that `write_json` wrote; gives it without its checksum.
 
     Raises:
-        FileFormatError: It is damaged.
+        FileFormatError: It is damaged, or has been changed.
     """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise FileFormatError(f"{path} is damaged ({error}); remove it, or choose another place.") from error
-    if not isinstance(content, dict):
-        raise FileFormatError(f"{path} holds no JSON object; remove it, or choose another place.")
-    return content
+    return read_json(path, "remove it, or choose another place")
 
 
 @contextmanager

@@ -10,10 +10,8 @@ nearly a sample of what happens.
 from __future__ import annotations
 
 import hashlib
-import io
 import shutil
 import time
-import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._files import reason, writing
+from cornerforge._checksums import read_arrays, write_arrays
+from cornerforge._files import reason
 from cornerforge.analysis.mechanism import crash_types_of, mechanism_of
 from cornerforge.errors import FileFormatError, OutputError
 from cornerforge.foreign.recorder import ForeignRecorder
@@ -146,8 +145,7 @@ class Splitting:
         self._level, self._teaching_seconds = taught.level, time.perf_counter() - begun
         if place is not None:
             numbers = np.array([self._level, taught.tests, taught.cpu_seconds, self._teaching_seconds])
-            with writing(place) as part, part.open("wb") as file:
-                np.savez(file, allow_pickle=False, numbers=numbers, **taught.network._asdict())
+            write_arrays(place, {"numbers": numbers, **taught.network._asdict()})
         return taught.network
 
     def _read_taught(self, place: Path) -> danger.Network:
@@ -169,8 +167,7 @@ class Splitting:
             self._blocks.append(self._block(min(TREES, most - self.trees), target, most))
             if self._out is not None and self.trees % TREES == 0:
                 place = self._out / "trees" / f"{len(self._blocks) - 1:06}.npz"
-                with writing(place) as part, part.open("wb") as file:
-                    np.savez_compressed(file, allow_pickle=False, **self._blocks[-1])
+                write_arrays(place, self._blocks[-1])
         return "target" if self.is_enough(target) else "max_tests"
 
     def _block(self, tests: int, target: float, most: int) -> dict[str, Any]:
@@ -453,9 +450,8 @@ def _read(place: Path, names: Sequence[str]) -> dict[str, Any]:
     Raises:
         FileFormatError: It is damaged.
     """
-    try:
-        # From memory: of a cut-off file np.load would leave the handle open.
-        with np.load(io.BytesIO(place.read_bytes()), allow_pickle=False) as content:
-            return {name: content[name] for name in names}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise FileFormatError(f"{place} is damaged ({error}); remove it, or choose another place.") from error
+    arrays = read_arrays(place, "part of the rate")
+    missing = [name for name in names if name not in arrays]
+    if missing:
+        raise FileFormatError(f"{place} is damaged (it lacks {missing[0]}); remove it, or choose another place.")
+    return {name: arrays[name] for name in names}

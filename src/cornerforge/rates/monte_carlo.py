@@ -9,8 +9,10 @@ from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from cornerforge._objects import object_fault
 from cornerforge.errors import FileFormatError
 from cornerforge.execution import cpu_seconds
+from cornerforge.fields import Field
 from cornerforge.rates.intervals import binomial_interval
 from cornerforge.sim import (
     DriveChunk,
@@ -24,7 +26,16 @@ from cornerforge.sim import (
 )
 from cornerforge.types import METRES_PER_MILE
 
-__all__ = ["BLOCK", "CHUNK", "Block", "MonteCarlo", "drive_block", "drive_blocks", "relative_half_width"]
+__all__ = [
+    "BLOCK",
+    "CHUNK",
+    "COUNTS_FIELDS",
+    "Block",
+    "MonteCarlo",
+    "drive_block",
+    "drive_blocks",
+    "relative_half_width",
+]
 
 BLOCK = 65_536
 """Tests between two saved states. The digest is a chain over blocks of this size, so the size must not change."""
@@ -150,6 +161,25 @@ def drive_block(
     return only
 
 
+_COUNT = (0, 2**63 - 1)
+_SECONDS = (0.0, 1e12)
+COUNTS_FIELDS: tuple[Field, ...] = (
+    Field("tests", "int64", "", "Tests driven, from number 0 on.", _COUNT),
+    Field("av_crashes", "int64", "", "Tests in which the AV crashed; as many as `crashed` holds.", _COUNT),
+    Field("bv_crashes", "int64", "", "Contacts between two BVs.", _COUNT),
+    Field("world_steps", "int64", "", "Steps of 0.1 s that worlds were moved.", _COUNT),
+    Field("millimetres", "int64", "mm", "Distance that the AV drove.", _COUNT),
+    Field("seconds", "float64", "s", "Wall-clock time.", _SECONDS),
+    Field("cpu_seconds", "float64", "s", "Time on processors.", _SECONDS),
+    Field(
+        "crashed", "list of int64", "", "Numbers of the tests in which the AV crashed, rising, below `tests`.", _COUNT
+    ),
+    Field("digest", "string", "", "Chain of SHA-256 over all blocks of tests."),
+    Field("av_faults", "int64", "", "Tests that an AV from outside spoiled.", _COUNT),
+)
+"""What `counts.json` holds of a rate that is counted."""
+
+
 @dataclass(frozen=True)
 class MonteCarlo:
     """Counts of a brute-force run so far, over tests 0 .. `tests` - 1 of its seed.
@@ -223,12 +253,16 @@ class MonteCarlo:
         Raises:
             FileFormatError: Keys are missing or unknown, or the counts contradict each other.
         """
-        try:
-            counts = cls(**{**content, "crashed": tuple(content["crashed"])})
-        except (TypeError, KeyError) as error:
-            raise FileFormatError(f"These are not the counts of a rate estimate ({error}).") from error
+        fault = object_fault(content, COUNTS_FIELDS)
+        unknown = [key for key in content if key not in {one.name for one in COUNTS_FIELDS}]
+        if fault is None and unknown:
+            fault = f'"{unknown[0]}" is unknown'
+        if fault is not None:
+            raise FileFormatError(f"These are not the counts of a rate estimate: {fault}.")
+        counts = cls(**{**content, "crashed": tuple(content["crashed"])})
         rising = all(a < b for a, b in zip(counts.crashed, counts.crashed[1:], strict=False))
         outside = counts.crashed != () and not 0 <= min(counts.crashed) <= max(counts.crashed) < counts.tests
-        if counts.av_crashes != len(counts.crashed) or not rising or outside:
+        too_many = counts.av_faults + counts.av_crashes > counts.tests
+        if counts.av_crashes != len(counts.crashed) or not rising or outside or too_many:
             raise FileFormatError("The counts of this rate estimate contradict each other.")
         return counts

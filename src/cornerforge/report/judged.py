@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.analysis.conduct import CONDUCTS
-from cornerforge.errors import FileFormatError
 from cornerforge.results import Analysed
 from cornerforge.results.analysis import FAULTS, PARTS, Avoidability, Coverage, OwnDoing, Prevented
 from cornerforge.results.rates import Interval
@@ -186,23 +185,13 @@ def read_table(file: Path, names: list[str], command: str, case_ids: Iterable[st
     Raises:
         FileFormatError: The file is missing or damaged, or lacks a column.
     """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-    from pyarrow.fs import LocalFileSystem
+    import pyarrow.compute as pc
 
-    if not file.is_file():
-        raise FileFormatError(f"{file} is missing; write it with: {command}")
-    try:
-        # The local file system is named, because Arrow reads a path like run-10:30 as an address, ~ as the home folder.
-        place, local = str(file.absolute()), LocalFileSystem()
-        missing = [name for name in names if name not in pq.read_schema(place, filesystem=local).names]
-        if not missing:
-            only = None if case_ids is None else [("case_id", "in", set(case_ids) | {""})]  # an empty set is refused
-            table = pq.read_table(place, columns=names, filters=only, filesystem=local)
-    except (pa.ArrowException, OSError) as error:
-        raise FileFormatError(f"{file} is damaged ({error}); write it again with: {command}") from None
-    if missing:
-        raise FileFormatError(f"{file} lacks the column(s) {', '.join(missing)}; write it again with: {command}")
+    from cornerforge._table_checks import read_parquet  # loads Arrow
+
+    table = read_parquet(file, command, names)
+    if case_ids is not None:
+        table = table.filter(pc.field("case_id").isin(list(case_ids)))
     return {name: table.column(name).to_pylist() for name in names}
 
 

@@ -22,7 +22,7 @@ from cornerforge.results.retest import Retested
 from cornerforge.results.stating import as_json
 from cornerforge.results.suite import SuiteBuilt
 from cornerforge.results.validation import NddValidated
-from cornerforge.results.whole import Exported, Exposure, Figured, Initialised, Reported, RunDone, Served
+from cornerforge.results.whole import Exported, Exposure, Figured, Initialised, Reported, RunDone, Served, Verified
 
 __all__ = [
     "FILES",
@@ -56,6 +56,7 @@ __all__ = [
     "Trained",
     "TrainedAv",
     "Varied",
+    "Verified",
     "as_json",
     "from_json",
 ]
@@ -83,6 +84,7 @@ VERBS: dict[str, type] = {
     "cases from-data": CasesFromData,
     "r157": Regulated,
     "query": Queried,
+    "verify": Verified,
     "variety": Varied,
     "plausibility": Plausibility,
     "ndd show": NddShown,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from sys import float_info
 from types import NoneType
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
+from cornerforge._checksums import read_json
 from cornerforge.errors import FileFormatError
 from cornerforge.results.stating import UNIONS
 
@@ -75,16 +75,9 @@ def open_json(path: Path, command: str) -> JsonFile:
         command: What writes it, for messages.
 
     Raises:
-        FileFormatError: The file is missing, unreadable, no JSON, or no object.
+        FileFormatError: The file is missing, unreadable, no JSON, no object, or has been changed.
     """
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise FileFormatError(f"{path} is missing; write it with: {command}") from None
-    except (OSError, ValueError) as error:
-        raise FileFormatError(f"{path} cannot be read as JSON ({error}); write it again with: {command}") from None
-    if not isinstance(values, dict):
-        raise FileFormatError(f"{path} holds no JSON object; write it again with: {command}")
+    values = read_json(path, f"write it with: {command}")
     return JsonFile(path, command, values)
 
 

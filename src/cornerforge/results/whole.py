@@ -11,8 +11,21 @@ from cornerforge.results.rates import Yield
 from cornerforge.results.stating import meant
 
 __all__ = [
-    "Exported", "Exposed", "Exposure", "ExposureMiles", "Figured", "FiguredOne", "Initialised", "Reported", "RunDone",
-    "RunTrained", "Served", "Spending", "SpentOn",
+    "DamagedFile",
+    "Exported",
+    "Exposed",
+    "Exposure",
+    "ExposureMiles",
+    "Figured",
+    "FiguredOne",
+    "Initialised",
+    "Reported",
+    "RunDone",
+    "RunTrained",
+    "Served",
+    "Spending",
+    "SpentOn",
+    "Verified",
 ]  # fmt: skip
 
 
@@ -164,3 +177,23 @@ class Exposure:
     quantities: dict[str, Exposed] = field(
         metadata=meant("By name, bumper-to-bumper distances and times to collision.")
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DamagedFile:
+    """A file that is not as it was written, or that holds what cannot be."""
+
+    file: str = field(metadata=meant("The file."))
+    fault: str = field(metadata=meant("What is wrong with it: the column and the row, where they can be told."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verified:
+    """Which files at a place are as they were written."""
+
+    whole: int = field(metadata=meant("Files that are as they were written."))
+    without_checksum: tuple[str, ...] = field(
+        metadata=meant("Files that can be read, but carry no checksum: of earlier versions, or made by hand.")
+    )
+    damaged: tuple[DamagedFile, ...] = field(metadata=meant("Files that are not as they were written."))
+    other: int = field(metadata=meant("Files of other kinds, such as pages and pictures; they are not read."))
