@@ -18,6 +18,9 @@ from cornerforge.errors import OutputError
 
 __all__ = ["check_regular", "part_of", "read_bytes", "reason", "writing"]
 
+_LARGEST = 1 << 31
+"""Most bytes of a file that is read as a whole."""
+
 
 def part_of(path: Path) -> Path:
     """Make the name under which a file is written; a part that a kill left behind is overwritten by the next try.
@@ -36,14 +39,19 @@ def reason(error: OSError) -> str:
 def check_regular(path: Path) -> None:
     """Check that a path is a file with an end: reading a pipe waits for ever, and a device may never end.
 
+    A file with holes may be larger than any memory, so there is a largest size too.
+
     Raises:
         OSError: It is not, or is not there.
     """
-    mode = path.stat().st_mode
+    found = path.stat()
+    mode = found.st_mode
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if not stat.S_ISREG(mode):
         raise OSError(errno.EINVAL, "is no regular file", str(path))
+    if found.st_size > _LARGEST:
+        raise OSError(errno.EFBIG, f"has more than {_LARGEST >> 20} MB", str(path))
 
 
 def read_bytes(path: Path) -> bytes:

@@ -33,11 +33,32 @@ __all__ = [
     "ReplayError",
     "UnknownCaseError",
     "UnknownNameError",
+    "one_line",
 ]
 
 
+_LONGEST = 2000
+"""Characters of a message that are shown."""
+
+
+def one_line(text: str) -> str:
+    r"""Make one readable line of a text that may hold anything, such as a file's name or another library's message.
+
+    Line ends become spaces, other characters that cannot be printed their escapes; what is very long is cut.
+
+    >>> one_line("no file a\x1b[2J: it ends here\nand here")
+    'no file a\\x1b[2J: it ends here and here'
+    """
+    line = " ".join(part.strip() for part in text[: 2 * _LONGEST].splitlines() if part.strip())
+    shown = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
+    return shown if len(shown) <= _LONGEST else f"{shown[:_LONGEST]}..."
+
+
 class CornerForgeError(Exception):
-    """Base of everything that a user can cause and mend."""
+    """Base of everything that a user can cause and mend; its text is one line."""
+
+    def __str__(self) -> str:
+        return one_line(super().__str__())
 
 
 class InputError(CornerForgeError, ValueError):

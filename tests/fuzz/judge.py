@@ -18,7 +18,7 @@ from typing import Any
 
 from fuzz.calls import call
 from fuzz.damage import done
-from fuzz.kinds import KINDS, Door, Kind
+from fuzz.kinds import CONTROL, KINDS, Door, Kind
 from fuzz.seal import seal
 from fuzz.seeds import SEEDS, seed_folder
 
@@ -29,12 +29,13 @@ __all__ = ["FAILURES", "OUTCOMES", "Judge", "Outcome"]
 
 OUTCOMES = ("same", "refused", "told", "other", "silent", "traceback", "hang", "memory", "partial", "lines")
 """same: the answer for the whole file. refused: one line. told: another answer, and a warning or a failed gate. other:
-another answer to what may be meant so. silent: another answer, without a word, to what could be noticed. lines: refused,
-but not in one readable line."""
+another answer to what may be meant so. silent: another answer, without a word, to what could be noticed. lines: it was
+refused, but not in one readable line."""
 FAILURES = ("silent", "traceback", "hang", "memory", "partial", "lines")
-_BY_NAME = {kind.name: kind for kind in KINDS}
+_BY_NAME = {kind.name: kind for kind in (*KINDS, CONTROL)}
 _LONGEST_LINE = 3000
-_TIMES = ("written", "seconds")
+_TIMES = ("written", "seconds", "cpu_seconds", "sha256")
+"""Keys whose values differ from run to run, and the checksums over them."""
 _MEMORY = 2 * 2**30
 """More memory than this for one small input is a fault [bytes]."""
 
@@ -77,7 +78,7 @@ def _files(folder: Path) -> dict[str, Any]:
             if path.suffix == ".json":
                 with contextlib.suppress(ValueError, RecursionError):
                     found[name] = json.loads(content)
-                    if isinstance(found[name], dict) and "written" in found[name]:
+                    if isinstance(found[name], dict):
                         found[name] = {key: value for key, value in found[name].items() if key not in _TIMES}
     return found
 
@@ -96,7 +97,7 @@ def _like(mask: Any, answer: Any) -> Any:
     if mask == "@differs":
         return mask
     if isinstance(mask, dict) and isinstance(answer, dict):
-        return {key: _like(mask.get(key), value) for key, value in answer.items()}
+        return {key: _like(mask.get(key), value) for key, value in answer.items() if key not in _TIMES}
     if isinstance(mask, list) and isinstance(answer, list) and len(mask) == len(answer):
         return [_like(a, b) for a, b in zip(mask, answer, strict=True)]
     return answer
@@ -146,10 +147,7 @@ class Judge:
             whole, mask = self._answer(kind, self._door(kind, one))
             for recipe in one["damage"]:
                 done(folder, recipe)
-            seal(
-                folder,
-                [recipe["file"] for recipe in one["damage"] if recipe["op"].startswith(("json.", "array.", "table."))],
-            )
+            seal(folder, [recipe["file"] for recipe in one["damage"] if recipe.get("sealed")])
             before = _files(folder)
             memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
             run = self._through(self._door(kind, one), folder, before)
@@ -163,7 +161,7 @@ class Judge:
                 return Outcome("same")
             if run.words or run.status == 1:
                 return Outcome("told", run.words)
-            matters = any(kind.matters(recipe) for recipe in one["damage"])
+            matters = any(kind.matters(recipe, self._door(kind, one)) for recipe in one["damage"])
             return Outcome("silent" if matters else "other", _difference(whole, answer))
 
     @staticmethod
@@ -269,7 +267,7 @@ class Judge:
                 return Outcome("lines", f"a long line: {said[0][:200]}")
             if said[0].removeprefix("cornerforge: ").startswith("[Errno"):
                 return Outcome("lines", f"raw: {said[0][:200]}")
-            # A folder that says what it is may be gone on with; anything else that a refused command leaves is half made.
+            # A folder that says what it is may be gone on with; whatever else a refused command leaves is half made.
             homes = {
                 str(Path(name).parent) for name in run.files if Path(name).name in ("provenance.json", "manifest.json")
             }

@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import signal
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
@@ -19,7 +22,7 @@ from fuzz.calls import hostile_call, plain_calls
 from fuzz.damage import Recipe, could_notice, drawn
 from fuzz.hostile import hostile_options, hostile_paths, hostile_sql, plain_commands
 
-__all__ = ["KINDS", "Door", "Kind", "draw_input"]
+__all__ = ["CONTROL", "KINDS", "Door", "Kind", "draw_input"]
 
 Answer = Any
 """What a door gives: comparable by its text as JSON."""
@@ -33,11 +36,13 @@ class Door:
         name: Of the door.
         argv: The command line, or a function without arguments that reads from the working directory.
         share: How often it is taken, beside the kind's other doors.
+        free: Patterns of file and damage ("lib place.*") that it need not tell, since it makes anew what it misses.
     """
 
     name: str
     argv: str | Callable[[], Answer]
     share: float = 1.0
+    free: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -67,8 +72,12 @@ class Kind:
     words: Callable[[np.random.Generator], list[str]] | None = None
     plain: Callable[[], list[list[str]]] | None = None
 
-    def matters(self, recipe: Recipe) -> bool:
-        """Tell whether a reader of this kind could notice the damage."""
+    def matters(self, recipe: Recipe, door: Door) -> bool:
+        """Tell whether a reader of this kind could notice the damage, and need tell it."""
+        if any(fnmatch(f"{recipe['file']} {recipe['op']}", pattern) for pattern in door.free):
+            return False
+        if not recipe.get("sealed", True):
+            return True
         place = ".".join(str(key) for key in recipe.get("path", ())) or f"@{recipe['op']}"
         return could_notice(recipe) and not any(fnmatch(place, pattern) for pattern in self.free)
 
@@ -194,15 +203,51 @@ def _exhibit(place: str) -> Callable[[], Answer]:
         from cornerforge.explorer import Exhibit
 
         found = verb._sources(Path(place).resolve())
-        warnings = [line for one in found for line in (*one.source.cases.damaged, *verb._fault_of_notes(one.source))]
+        told = [line for one in found for line in (*one.source.cases.damaged, *verb._fault_of_notes(one.source))]
+        for line in told:
+            warnings.warn(line, stacklevel=1)
         driving = verb._driving((), found[0].source)
-        with_closing = Exhibit("x", [(one.source, one.analysis) for one in found], driving, warnings)
+        with_closing = Exhibit("x", [(one.source, one.analysis) for one in found], driving, told)
         try:
-            return json.loads(json.dumps([with_closing.about(), warnings], default=repr))
+            return json.loads(json.dumps([with_closing.about(), told], default=repr))
         finally:
             with_closing.close()
 
     return read
+
+
+# --- Readers that fail on purpose, for the test of the judge ---
+
+
+def _hangs() -> Answer:
+    while _damaged():
+        pass
+
+
+def _leaves() -> Answer:
+    if _damaged():
+        Path(".c.json.part").write_text("", encoding="utf-8")
+
+
+def _raises() -> Answer:
+    if _damaged():
+        raise ZeroDivisionError("on purpose")
+
+
+def _dies() -> Answer:
+    if _damaged():
+        os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def _damaged() -> bool:
+    return "such" in Path("c.toml").read_text(encoding="utf-8")
+
+
+CONTROL = Kind(
+    "control", "", "config", ("c.toml",),
+    (Door("believes", _damaged), Door("hangs", _hangs), Door("leaves", _leaves), Door("raises", _raises), Door("dies",
+    _dies)), 0,
+)  # fmt: skip
 
 
 # --- The kinds ---
@@ -221,7 +266,7 @@ _LIBRARY_DOORS = (
     Door("retest", f"retest lib --av idm-mobil {_ONE}", 2),
     Door("variety", f"variety lib {_ONE}", 2),
     Door("shrink", "shrink lib 0:8 --out shr --json", 0.3),
-    Door("resume", f"generate --policy lane-changer --cases 6 --out lib --resume {_ONE}", 1),
+    Door("resume", f"generate --policy lane-changer --cases 6 --out lib --resume {_ONE}", 1, ("lib place.*",)),
     Door("suite", f"suite build lib --out suite --zoo idm-mobil --zoo rl {_ONE}", 0.5),
     Door("serve", _exhibit("lib"), 0.5),
 )
@@ -243,7 +288,8 @@ KINDS = (
         Door("read", _checkpoint, 6), Door("resume",
         f"train --out p.safetensors --decisions 2048 --tests 20 --resume {_ONE}", 0.5),
     ), 25),
-    Kind("snapshot", "checkpoints and snapshots", "snapshot", ("w.world",), (Door("read", _snapshot),), 40),
+    Kind("snapshot", "checkpoints and snapshots", "snapshot", ("w.world",), (Door("read", _snapshot),), 40,
+    ("@array.*",)),
     Kind("library", "library", "library", ("lib", "lib/*"), _LIBRARY_DOORS, 200, _ABOUT),
     Kind("scripted library", "library", "case-file", ("imported/library/*",), (
         Door("read", _library("imported/library"), 8), Door("replay", "replay imported/library all --check --json", 2),
@@ -252,12 +298,14 @@ KINDS = (
         Door("openscenario", "export imported/library all --to openscenario --out x --json", 1),
     ), 80, _ABOUT),
     Kind("analysis", "folders", "analysed", ("lib-analysis", "lib-analysis/*", "lib-notes.json"), (
-        Door("query", 'query lib-analysis "select * from cases" --json', 1), Door("serve", _exhibit("lib"), 3),
+        Door("query", 'query lib-analysis "select * from cases" --json', 1), Door("serve", _exhibit("lib"), 3,
+        free=("*",)),
         Door("figure", "figure lib --out f --json", 0.3),
-        Door("again", f"analyse lib --out lib-analysis {_ONE}", 1),
+        Door("again", f"analyse lib --out lib-analysis {_ONE}", 1, free=("*",)),
     ), 35, _ABOUT),
     Kind("rate folder", "folders", "rate", ("rate", "rate/*", "rate/library/*"), (
-        Door("resume", f"rate --method mc --max-tests 300 --av flawed-not-behind --out rate --resume {_ONE}", 3),
+        Door("resume", f"rate --method mc --max-tests 300 --av flawed-not-behind --out rate --resume {_ONE}", 3,
+        ("rate place.*", "rate/library place.missing")),
         Door("report", f"report rate --out page {_ONE}", 1), Door("serve", _exhibit("rate"), 1),
     ), 40, _ABOUT),
     Kind("trees folder", "folders", "trees", ("rate", "rate/*", "rate/trees", "rate/trees/*", "rate/weighted/*"), (

@@ -7,6 +7,8 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+from cornerforge._checksums import with_checksum
+
 __all__ = ["seal"]
 
 
@@ -35,4 +37,4 @@ def _seal_shard(path: Path) -> None:
                 one |= {"size": len(data), "sha256": hashlib.sha256(data).hexdigest()}
     except (ValueError, RecursionError, LookupError, TypeError):  # it is damaged too
         return
-    manifest.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    manifest.write_text(json.dumps(with_checksum(content), indent=1) + "\n", encoding="utf-8")

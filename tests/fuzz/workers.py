@@ -17,9 +17,8 @@ from unittest.mock import patch
 
 __all__ = ["Worker"]
 
-CPU_S, WALL_S = 20.0, 120.0
-"""An input that computes or waits longer hangs; the longest that is right computes for about 3 s. There are two limits,
-because on a busy machine everything waits."""
+_WALL_S = 120.0
+"""An input that waits longer hangs; longer than it may compute, because on a busy machine everything waits."""
 _PREPARE_S = 1800.0
 """Compiling what was not used before, at most."""
 _ADDRESSES = 24 * 2**30
@@ -78,9 +77,11 @@ class Worker:
         seeds: Where seeds are kept.
         room: Folder for the inputs.
         number: Of the worker.
+        cpu_s: An input that computes longer hangs [s]; the longest that is right computes for about 3 s.
     """
 
-    def __init__(self, seeds: Path, room: Path, number: int) -> None:
+    def __init__(self, seeds: Path, room: Path, number: int, *, cpu_s: float = 20.0) -> None:
+        self._limit = cpu_s
         self._seeds, self._room, self._number = seeds, room, number
         self._process: mp.process.BaseProcess | None = None
         self._pipe: Any = None
@@ -97,7 +98,7 @@ class Worker:
             if found is None:
                 begun, cpu = time.monotonic(), self._cpu()
                 while not self._pipe.poll(1.0):
-                    if self._cpu() - cpu > CPU_S or time.monotonic() - begun > WALL_S:
+                    if self._cpu() - cpu > self._limit or time.monotonic() - begun > _WALL_S:
                         return self._given_up("hang")
                 found = self._pipe.recv()
             return found.what, found.detail

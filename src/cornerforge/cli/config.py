@@ -22,6 +22,7 @@ from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
+from cornerforge._files import read_bytes
 from cornerforge.errors import FileFormatError, InputError, UnknownNameError
 from cornerforge.world_options import WorldOptions
 
@@ -153,7 +154,7 @@ def read_config(context: typer.Context, file: Path | None) -> Path | None:
 
 def _text_of(file: Path) -> str:
     try:
-        return file.read_text(encoding="utf-8-sig")
+        return read_bytes(file).decode("utf-8-sig")
     except FileNotFoundError as error:
         raise InputError(f"No config file {file}; cornerforge init DIR writes one.") from error
     except OSError as error:
