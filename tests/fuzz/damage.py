@@ -140,7 +140,7 @@ def _draw_json(rng: np.random.Generator, parts: Parts) -> Recipe:
 
 def _json(parts: Parts, r: Recipe) -> None:
     """Change a document; what is no JSON value stands in as a text that `text_with_raw` replaces."""
-    raw = "@raw:" + LONG.get(r["value"], r["value"])
+    raw = f"@raw:{LONG.get(r['value'], r['value'])}"
     if r["op"] == "json.root" or "path" not in r:
         parts.documents[r["document"]] = raw
         return

@@ -205,7 +205,7 @@ class Judge:
     def _spoken(self, kind: Kind, words: list[str], folder: Path) -> Outcome:
         before = _files(folder)
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        door = Door("words", (lambda: call(*words)) if kind.name == "interface" else shlex.join(words))  # type: ignore[arg-type]
+        door = Door("words", (lambda: call(*words)) if kind.name == "interface" else shlex.join(words))
         run = self._through(door, folder, before, words)
         return self._fault(run, folder, memory) or Outcome(
             "refused" if run.status == 2 or run.error else "told", run.words

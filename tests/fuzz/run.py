@@ -43,7 +43,7 @@ class _Work:
         self._kinds = [kind for kind in KINDS if not kinds or kind.name in kinds]
         self._shares = np.array([kind.share for kind in self._kinds])
         self.counts: dict[str, Counter[str]] = defaultdict(Counter)
-        self.seconds: Counter[str] = Counter()
+        self.seconds: dict[tuple[str, str], float] = defaultdict(float)
         self.seen: Counter[str] = Counter()
 
     def next(self) -> dict[str, Any] | None:
@@ -61,7 +61,7 @@ class _Work:
         what, detail = outcome
         with self._lock:
             self.counts[one["kind"]][what] += 1
-            self.seconds[one["kind"], one["door"]] += seconds  # type: ignore[index]
+            self.seconds[one["kind"], one["door"]] += seconds
             if what not in BAD:
                 return
             way = f"{what}: {_way(one, what, detail)} ({one['kind']})"
@@ -163,8 +163,8 @@ def main() -> int:
         for way, count in work.seen.most_common():
             print(f"{count:6} {way[:230]}")
         if given.slow:
-            for (kind_name, door), spent in work.seconds.most_common(40):  # type: ignore[misc]
-                print(f"{spent:8.1f} s {kind_name} {door}")
+            for (name, door), spent in sorted(work.seconds.items(), key=lambda one: -one[1])[:40]:
+                print(f"{spent:8.1f} s {name} {door}")
         return int(bool(work.seen))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import faulthandler
+import functools
 import multiprocessing as mp
 import os
 import resource
@@ -47,13 +48,9 @@ def _work(pipe: Connection, seeds: Path, room: Path, stacks: Path) -> None:
         import typer.main
         from fuzz.judge import Judge, Outcome
 
-        command = typer.main.get_command  # the same each time, and slow to make
-        made: dict[int, Any] = {}
-        typer.main.get_command = lambda app: (
-            made.setdefault(id(app), None) or made.update({id(app): command(app)}) or made[id(app)]
-        )
+        made_once = functools.cache(typer.main.get_command)  # the same each time, and slow to make
         judge = Judge(seeds, room)
-        with _small():
+        with _small(), patch.object(typer.main, "get_command", made_once):
             while True:
                 one = pipe.recv()
                 if one is None:
