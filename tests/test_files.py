@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import cornerforge
-from cornerforge._files import part_of, writing
+from cornerforge._files import part_of, write_bytes, writing
 from cornerforge.errors import OutputError
 
 PACKAGE = Path(cornerforge.__file__).parent
@@ -42,6 +42,27 @@ def test_what_fails_leaves_the_old_file_and_no_part(kind: BaseException, tmp_pat
         assert str(caught.value).startswith(f"Cannot write the page {path}: No space left on device; make room")
     assert path.read_text(encoding="utf-8") == "old"
     assert not part_of(path).exists()
+
+
+def test_a_file_of_given_content_is_whole_too(tmp_path: Path) -> None:
+    write_bytes(tmp_path / "a" / "b", b"all")
+    assert (tmp_path / "a" / "b").read_bytes() == b"all"
+    with pytest.raises(OutputError, match=r"Cannot write the picture .*b/c"):
+        write_bytes(tmp_path / "a" / "b" / "c", b"all", "the picture")
+
+
+def test_files_are_written_as_parts() -> None:
+    """Whoever writes a file writes its part, which `writing` gives; only the log of what an AV prints grows."""
+    write = re.compile(
+        r'(\w+)\)?\.(?:write_bytes|write_text|touch)\(|(\w+)\.open\("[wax]|(?<![\w.])open\((\w+), "[wax]'
+    )
+    found = [
+        f"{path.name}: {wrote.group()}"
+        for path in PACKAGE.rglob("*.py")
+        for wrote in write.finditer(path.read_text(encoding="utf-8"))
+        if "part" not in wrote.groups() and path.name != "av_log.py"
+    ]
+    assert found == []
 
 
 def test_there_is_one_writer() -> None:

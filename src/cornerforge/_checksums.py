@@ -23,6 +23,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from cornerforge._files import check_regular, read_bytes, reason, writing
+from cornerforge._strict_json import parse
 from cornerforge.errors import FileFormatError
 
 __all__ = [
@@ -34,6 +35,7 @@ __all__ = [
     "read_arrays",
     "read_json",
     "read_tensors",
+    "weights_of",
     "with_checksum",
     "write_arrays",
     "write_tensors",
@@ -45,6 +47,8 @@ _MEMBER = "checksums"
 """Array of a file of arrays that holds the checksums of the others, as JSON text by name."""
 _LARGEST = 1 << 31
 """Most bytes that the arrays of a file may unpack to: a damaged header could ask for any size."""
+
+_LARGEST_WEIGHT = 1e6
 
 _Arrays = Mapping[str, NDArray[Any]]
 
@@ -112,10 +116,10 @@ def read_json(path: Path, advice: str) -> dict[str, Any]:
         FileFormatError: It is missing, no JSON, no object, or has been changed.
     """
     try:
-        content = json.loads(read_bytes(path).decode())
+        content = parse(read_bytes(path).decode())
     except FileNotFoundError:
         raise FileFormatError(f"{path} is missing; {advice}.") from None
-    except (OSError, ValueError, RecursionError) as error:
+    except (OSError, ValueError, MemoryError) as error:
         raise FileFormatError(f"{path} cannot be read as JSON ({error}); {advice}.") from None
     if not isinstance(content, dict):
         raise FileFormatError(f"{path} holds no JSON object; {advice}.")
@@ -180,7 +184,7 @@ def read_tensors(
             metadata = file.metadata() or {}
             if key not in metadata:
                 raise FileFormatError(f"{path} is a safetensors file but no {what} of cornerforge.")
-            header = json.loads(metadata[key])
+            header = parse(metadata[key])
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  (it is no mapping)
         if not isinstance(header, dict):
             raise FileFormatError(f"{path}: its header is no JSON object, so it is no {what} of cornerforge.")
@@ -195,6 +199,34 @@ def read_tensors(
             f"The {what} {path} has been changed since it was written (its checksum does not fit); {advice}."
         )
     return header, tensors
+
+
+def weights_of(path: Path, tensors: _Arrays, size: int, what: str) -> NDArray[np.float32]:
+    """Give the array `weights` of a file of weights, if it is the only one and what a network can have.
+
+    Args:
+        path: Its file, for messages.
+        tensors: All arrays of the file.
+        size: How many numbers its network has.
+        what: What the file is, for messages.
+
+    Raises:
+        FileFormatError: There are others, or it is of another type or size, or not finite, or beyond `_LARGEST_WEIGHT`.
+    """
+    found = tensors.get("weights")
+    fault = None
+    if found is None or len(tensors) != 1:
+        fault = f'it holds the arrays {", ".join(sorted(tensors)) or "none"}; it must be "weights" alone'
+    elif found.dtype != np.float32:
+        fault = f'"weights" is of type {found.dtype}; it must be float32'
+    elif found.shape != (size,):
+        fault = f'"weights" has the shape {found.shape}; they do not fit its network, which has {size}'
+    elif not (np.abs(found) <= _LARGEST_WEIGHT).all():
+        fault = f'"weights" are not finite, or beyond {_LARGEST_WEIGHT:g}'
+    if fault is not None or found is None:
+        raise FileFormatError(f"The {what} {path} is damaged: {fault}; restore it from a copy, or make it again.")
+    # A copy: what the file gives may not be writable, which kernels would take for another type.
+    return np.array(found, dtype=np.float32)
 
 
 def write_arrays(path: Path, arrays: _Arrays, what: str = "") -> None:
@@ -237,7 +269,7 @@ def read_arrays(path: Path, what: str) -> dict[str, NDArray[Any]]:
             arrays = {name: file[name] for name in file.files}
         if not all(isinstance(array, np.ndarray) for array in arrays.values()):
             raise ValueError("a member is no array")
-        stated = json.loads(str(arrays.pop(_MEMBER))) if _MEMBER in arrays else None
+        stated = parse(str(arrays.pop(_MEMBER))) if _MEMBER in arrays else None
         if not isinstance(stated, dict | None):
             raise ValueError("its checksums are no object")
     except (

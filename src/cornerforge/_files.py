@@ -16,10 +16,7 @@ from pathlib import Path
 
 from cornerforge.errors import OutputError
 
-__all__ = ["check_regular", "part_of", "read_bytes", "reason", "writing"]
-
-_LARGEST = 1 << 31
-"""Most bytes of a file that is read as a whole."""
+__all__ = ["LARGEST", "check_regular", "part_of", "read_bytes", "reason", "write_bytes", "writing"]
 
 
 def part_of(path: Path) -> Path:
@@ -36,13 +33,17 @@ def reason(error: OSError) -> str:
     return error.strerror or str(error)
 
 
+LARGEST = 1 << 31
+"""Most bytes of a file that is read as a whole; none that cornerforge writes is as large."""
+
+
 def check_regular(path: Path) -> None:
     """Check that a path is a file with an end: reading a pipe waits for ever, and a device may never end.
 
     A file with holes may be larger than any memory, so there is a largest size too.
 
     Raises:
-        OSError: It is not, or is not there.
+        OSError: It is not, is larger than `LARGEST`, or is not there.
     """
     found = path.stat()
     mode = found.st_mode
@@ -50,8 +51,8 @@ def check_regular(path: Path) -> None:
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if not stat.S_ISREG(mode):
         raise OSError(errno.EINVAL, "is no regular file", str(path))
-    if found.st_size > _LARGEST:
-        raise OSError(errno.EFBIG, f"has more than {_LARGEST >> 20} MB", str(path))
+    if found.st_size > LARGEST:
+        raise OSError(errno.EFBIG, f"is larger than {LARGEST >> 20} MB", str(path))
 
 
 def read_bytes(path: Path) -> bytes:
@@ -87,3 +88,13 @@ def writing(path: Path, what: str = "") -> Iterator[Path]:
             named = f"{what} {path}" if what else str(path)
             raise OutputError(f"Cannot write {named}: {reason(error)}; make room, or choose another place.") from error
         raise
+
+
+def write_bytes(path: Path, content: bytes | memoryview, what: str = "") -> None:
+    """Write a file of given content whole or not at all; as `writing`.
+
+    Raises:
+        OutputError: The file cannot be written; nothing is left of it then.
+    """
+    with writing(path, what) as part:
+        part.write_bytes(content)

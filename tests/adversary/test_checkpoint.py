@@ -271,7 +271,7 @@ def test_one_flipped_bit_is_found(stopped: Path) -> None:
     content = bytearray(stopped.read_bytes())
     content[-100] ^= 1
     stopped.write_bytes(content)
-    with pytest.raises(FileFormatError, match="its checksum does not fit.*remove it"):
+    with pytest.raises(FileFormatError, match=r"its checksum does not fit.*remove it"):
         CheckpointFile(stopped, IDENTITY).read()
 
 

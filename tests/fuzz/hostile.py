@@ -1,4 +1,4 @@
-"""Hostile words: options, output paths and SQL, as a command line gets them."""
+"""Hostile words: output paths and SQL, as a command line gets them; options have a module of their own."""
 
 from __future__ import annotations
 
@@ -6,56 +6,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["hostile_options", "hostile_paths", "hostile_sql", "plain_commands"]
-
-_WORLD = (
-    "--av",
-    "--odd",
-    "--lanes",
-    "--model",
-    "--bounded",
-    "--budget",
-    "--av-timeout",
-    "--av-batch",
-    "--av-processes",
-    "--av-python",
-)
-_COMMANDS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "simulate": ("simulate --tests 2 --threads 1", (*_WORLD, "--tests", "--bv", "--policy", "--acting", "--stats",
-    "--resume", "--config", "--seed", "--threads", "--quiet", "--json", "--out")),
-    "rate": ("rate --method mc --max-tests 50 --threads 1", (*_WORLD, "--method", "--target-rhw", "--max-tests",
-    "--model-draws", "--seed", "--threads", "--resume")),
-    "generate": ("generate --policy lane-changer --cases 1 --out o --threads 1", (*_WORLD, "--policy", "--cases",
-    "--acting", "--seed", "--threads", "--engine", "--address")),
-    "analyse": ("analyse lib --out o --threads 1", ("--steps", "--avoidability", "--reaction", "--for", "--seed",
-    "--threads")),
-    "replay": ("replay lib 0:8", ("--check", "--picture", "--video", "--seed", "--threads", "--out")),
-    "retest": ("retest lib --threads 1", ("--av", "--baseline", "--natural-tests", "--junit", "--sarif", "--page",
-    "--count", "--seed", "--threads")),
-    "export": ("export lib 0:8 --to csv --out o", ("--to", "--version", "--mode", "--resume", "--seed")),
-    "variety": ("variety lib --threads 1", ("--policy", "--tests", "--acting", "--av", "--odd", "--lanes", "--model",
-    "--budget", "--seed")),
-    "shrink": ("shrink lib 0:8 --out o", ("--resume", "--av-timeout", "--av-python", "--seed")),
-    "query": ('query lib "select 1"', ("--seed", "--threads", "--out")),
-    "figure": ("figure lib 0:8 --out f.svg", ("--times", "--figure", "--format", "--width", "--list", "--seed")),
-    "ndd show": ("ndd show", ("--model", "--out", "--seed")),
-    "train": ("train --out p.safetensors --decisions 512 --tests 8 --threads 1", ("--preset", "--reward", "--delay",
-    "--minutes", "--seed", "--decisions", "--tests")),
-    "avs": ("avs", ("--json", "--seed", "--all")),
-    "check-av": ("check-av idm-mobil", ("--av-timeout", "--av-batch", "--av-processes", "--av-python", "--seed")),
-}  # fmt: skip
-_WORDS = (
-    "", " ", "-1", "0", "1", "2", "7", "nan", "inf", "-inf", "1e308", "1e-300", "1e3", "1" + "0" * 40, "0x10", "1_0",
-    "1,5", "\u0663", "x", "true",
-    "None", "null", "[]", "--", "-", "--seed", "a b", "é", "\u202e", "\n", "a\nb", "\t", "..", "/", ".", "lib", "full",
-    "/dev/null",
-    "/dev/zero", "default", "idm-mobil", "idm-mobi", "softmax:", "softmax:0", "softmax:nan", "softmax:-1",
-    "softmax:1e999", "x.py:Y", ":", "cmd:", "cmd: ", "cmd: false",
-    "x.onnx", "x.zip", "x.safetensors", "os:system", "lib/model.npz", "lib/manifest.json", "a" * 5000, "%s", "{}",
-    "$HOME", "~", "~nobody/x", "\ud800", "nde,nde",
-)  # fmt: skip
-_MUCH = {"--tests", "--max-tests", "--cases", "--decisions", "--natural-tests", "--model-draws", "--minutes"}
-"""Options that may be large and right: then the work is long, and no fault."""
+__all__ = ["hostile_paths", "hostile_sql", "plain_path"]
 
 
 def _take(rng: np.random.Generator, of: Any) -> Any:
@@ -66,27 +17,6 @@ def _split(line: str) -> list[str]:
     import shlex
 
     return shlex.split(line)
-
-
-def hostile_options(rng: np.random.Generator) -> list[str]:
-    """Draw a command with one or two options that are odd."""
-    line, options = _COMMANDS[_take(rng, sorted(_COMMANDS))]
-    words = _split(line)
-    for _ in range(1 + (rng.random() < 0.2)):
-        option, word = _take(rng, options), _take(rng, _WORDS)
-        if option in _MUCH and word in ("1e3", "1e308", "1_0"):
-            word = "-1"
-        match int(rng.integers(5)):
-            case 0:
-                words += [f"{option}={word}"]
-            case 1:
-                words += [option]
-            case 2:
-                at = int(rng.integers(1, len(words) + 1))
-                words[at:at] = [word]
-            case _:
-                words += [option, word]
-    return words
 
 
 _PATHS = (
@@ -137,6 +67,6 @@ def hostile_sql(rng: np.random.Generator) -> list[str]:
     return ["query", "lib", " ".join(words), "--json"]
 
 
-def plain_commands() -> list[list[str]]:
-    """Every command whose options are tried, with nothing odd."""
-    return [_split(line) for line, _ in _COMMANDS.values()]
+def plain_path(words: list[str]) -> list[str]:
+    """A drawn command with a place that is right."""
+    return [*words[:-1], "plain" if not words[0].startswith(("replay", "train", "figure")) else "plain.svg"]

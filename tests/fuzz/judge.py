@@ -125,9 +125,10 @@ class Judge:
         seed_folder(self._seeds, kind.seed)
         if kind.words is None:
             self._answer(kind, self._door(kind, one))
-        elif kind.plain is not None and (kind.name, "") not in self._whole:
-            self._whole[kind.name, ""] = None, None
-            for words in kind.plain():
+        elif kind.plain is not None:
+            words = kind.plain(one["words"])
+            if (kind.name, shlex.join(words)) not in self._whole:
+                self._whole[kind.name, shlex.join(words)] = None, None
                 with self._folder(kind) as folder:
                     self._spoken(kind, words, folder)
 

@@ -18,9 +18,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fuzz.calls import hostile_call, plain_calls
+from fuzz.calls import hostile_call, plain_call
 from fuzz.damage import Recipe, could_notice, drawn
-from fuzz.hostile import hostile_options, hostile_paths, hostile_sql, plain_commands
+from fuzz.hostile import hostile_paths, hostile_sql, plain_path
+from fuzz.options import hostile_options, plain_options
 
 __all__ = ["CONTROL", "KINDS", "Door", "Kind", "draw_input"]
 
@@ -60,7 +61,9 @@ class Kind:
         free: Patterns of places in documents ("name.of.key") that no reader could doubt: free text, times, names; after
             an @ of damage ("@place.*") that leaves what may be meant so.
         words: Draws the words of a command line instead of damage.
-        plain: Words with nothing odd, which are tried first: what is slow only once shall not look like a hang.
+        plain: Makes of these words ones with nothing odd, which are tried first: what is slow only once, such as
+            compiling, shall not look like a hang.
+        waits: A pipe may be meant (`--config <(...)`), and waiting for its writer is right: none is put there.
     """
 
     name: str
@@ -71,7 +74,8 @@ class Kind:
     share: float
     free: tuple[str, ...] = ()
     words: Callable[[np.random.Generator], list[str]] | None = None
-    plain: Callable[[], list[list[str]]] | None = None
+    plain: Callable[[list[str]], list[str]] | None = None
+    waits: bool = False
 
     def matters(self, recipe: Recipe, door: Door) -> bool:
         """Tell whether a reader of this kind could notice the damage, and need tell it."""
@@ -358,13 +362,13 @@ KINDS = (
     Kind("case file", "case files", "case-file", ("imported/cases", "imported/cases/*.json"), (
         Door("read", _read_case, 12), Door("retest", f"retest imported/cases --av idm-mobil {_ONE}", 1),
     ), 80, ("facts*", "name", "licence", "*description*")),
-    Kind("config", "options", "config", ("c.toml",), (Door("simulate", "simulate --config c.toml --json"),), 40),
-    Kind("options", "options", "library", (), (Door("words", ""),), 60, words=hostile_options, plain=plain_commands),
+    Kind("config", "options", "config", ("c.toml",), (Door("simulate", "simulate --config c.toml --json"),), 40, waits=True),
+    Kind("options", "options", "everything", (), (Door("words", ""),), 60, words=hostile_options, plain=plain_options),
     Kind("output paths", "output paths", "library", (), (Door("words", ""),), 25, words=hostile_paths,
-    plain=plain_commands),
+    plain=plain_path),
     Kind("sql", "SQL", "library", (), (Door("words", ""),), 5, words=hostile_sql),
     Kind("interface", "Python interface and environments", "library", (), (Door("call", ""),), 60, words=hostile_call,
-    plain=plain_calls),
+    plain=plain_call),
     Kind("network", "ONNX and SB3", "network", ("n.onnx", "s.zip"), (
         Door("onnx", f"simulate --tests 2 --av n.onnx --av-processes 1 {_ONE}"), Door("sb3",
         f"simulate --tests 2 --av s.zip --av-processes 1 {_ONE}"),
@@ -391,8 +395,13 @@ def draw_input(rng: np.random.Generator, kind: Kind, seed: Path) -> dict[str, An
     files = _damaged_files(seed, kind)
     assert files, f"{kind.name}: the seed has none of {kind.files}"
     recipes: list[Recipe] = []
-    for _ in range(1 + (rng.random() < 0.1)):
+    wanted = 1 + (rng.random() < 0.1)
+    for _ in range(20):
+        if len(recipes) == wanted:
+            break
         name = files[int(rng.integers(len(files)))]
         if not any(name.startswith(recipe["file"]) or recipe["file"].startswith(name) for recipe in recipes):
-            recipes.append(drawn(rng, seed / name, name))
+            recipe = drawn(rng, seed / name, name)
+            if not (kind.waits and recipe["op"] == "place.fifo"):
+                recipes.append(recipe)
     return {"kind": kind.name, "door": door.name, "damage": recipes}

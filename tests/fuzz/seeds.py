@@ -231,6 +231,23 @@ def _network(_: Path) -> None:
     test.model_of("PPO", "raw", (13, 8), policy_kwargs={"net_arch": [8]}).save("s.zip")
 
 
+@_seed("everything")
+def _everything(root: Path) -> None:
+    parts = (
+        ("library", "lib"),
+        ("policy", "p.safetensors"),
+        ("tracks", "ngsim.csv"),
+        ("case-file", "imported"),
+    )
+    ("scenarios", "osc")
+    for seed, name in parts:
+        whole = seed_folder(root, seed) / name
+        if whole.is_dir():
+            shutil.copytree(whole, name)
+        else:
+            shutil.copy(whole, name)
+
+
 @_seed("nothing")
 def _nothing(_: Path) -> None:
     Path("full").mkdir()

@@ -65,11 +65,12 @@ def test_what_is_appended_is_read_back(filled: Path, make_scenario: Callable[...
 
 def test_what_is_read_lies_in_memory_of_arrow(filled: Path) -> None:
     # Were it a Python object, the thread of Arrow that frees it would need the GIL, and abort an interpreter that ends.
-    shard = read_manifest(filled)[0].shards[0]
+    manifest = read_manifest(filled)[0]
+    shard = manifest.shards[0]
     files = (shard.cases_file, shard.tracks_file)
     gc.collect()  # what others left is not freed in between
     before = pa.total_allocated_bytes()
-    contents_read = [ShardReader(filled, 7, ODD).read(file) for file in files]
+    contents_read = [ShardReader(filled, manifest).read(file) for file in files]
     assert pa.total_allocated_bytes() - before >= sum(file.size for file in files)
     for file, content in zip(files, contents_read, strict=True):
         assert content is not None
@@ -196,6 +197,28 @@ def test_a_foreign_folder_is_refused(verb: Callable[..., CaseLibrary], tmp_path:
     with pytest.raises(OutputError, match=r"holds something else \(thesis\.tex\)"):
         verb(tmp_path, identity, ODD)
     assert contents(tmp_path) == {"thesis.tex": b"mine"}
+
+
+@pytest.mark.parametrize("verb", [CaseLibrary.create, CaseLibrary.resume])
+def test_cases_without_a_manifest_are_no_leftovers(
+    verb: Callable[..., CaseLibrary], filled: Path, identity: Identity
+) -> None:
+    """Who lost the manifest still has the cases; the first shard must not be overwritten."""
+    (filled / "manifest.json").unlink()
+    before = contents(filled)
+    with pytest.raises(OutputError, match=r"holds cases \(cases-000000\.parquet\) but no manifest\.json, which says"):
+        verb(filled, identity, ODD)
+    assert contents(filled) == before
+
+
+@pytest.mark.parametrize("verb", [CaseLibrary.create, CaseLibrary.resume])
+def test_what_a_kill_leaves_of_the_first_manifest_is_overwritten(
+    verb: Callable[..., CaseLibrary], tmp_path: Path, identity: Identity
+) -> None:
+    (tmp_path / ".manifest.json.part").write_text("{")
+    (tmp_path / ".cornerforge.lock").write_text("")
+    assert len(verb(tmp_path, identity, ODD)) == 0
+    assert set(contents(tmp_path)) == {"manifest.json"}
 
 
 @pytest.mark.parametrize("verb", [CaseLibrary.create, CaseLibrary.resume])

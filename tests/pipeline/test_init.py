@@ -86,7 +86,7 @@ def test_a_write_that_fails_takes_back_what_was_written(tmp_path: Path, monkeypa
     monkeypatch.setattr(module, "write_text", full)
     with pytest.raises(OutputError, match="no room"):
         cornerforge.init(tmp_path / "x")
-    assert list((tmp_path / "x").iterdir()) == []
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_config_shows_every_option_with_its_default(tmp_path: Path, capsys: Capture) -> None:

@@ -110,7 +110,7 @@ def test_an_av_that_got_worse_fails_the_command(
     assert sum(one["level"] == "error" for one in run["results"]) == len(new)
     # neither is written over, and that is said before anything is driven
     assert cli.main([*words, "--junit", str(xml)]) == 2
-    assert "is there already" in capsys.readouterr().err
+    assert "exists already" in capsys.readouterr().err
     assert cli.main(words) == 1
     text = capsys.readouterr().out
     assert "It got WORSE." in text

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_number
-from cornerforge._checksums import read_tensors, write_tensors
+from cornerforge._checks import check_is_json, check_number
+from cornerforge._checksums import read_tensors, weights_of, write_tensors
 from cornerforge._objects import object_fault
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
 from cornerforge.errors import FileFormatError, InputError
@@ -102,6 +102,7 @@ def save_policy(policy: Policy, path: Path) -> None:
     """Write a policy whole, or not at all.
 
     Raises:
+        InputError: `about` is not JSON.
         OutputError: It cannot be written; nothing is left of it then.
     """
     header = {
@@ -110,7 +111,7 @@ def save_policy(policy: Policy, path: Path) -> None:
         "network": asdict(policy.shape),
         "bounded": policy.bounded,
         "budget": policy.budget,
-        "about": dict(policy.about),
+        "about": check_is_json("about", policy.about),
     }
     write_tensors(path, _KEY, header, {"weights": policy.weights}, "the policy")
 
@@ -130,19 +131,11 @@ def load_policy(path: Path) -> Policy:
         raise FileFormatError(f"Policy file {path} is damaged: {fault}.")
     try:
         shape = NetworkShape(**header["network"])
-        bounded = header["bounded"]
-        budget = check_budget(header["budget"], bounded=bounded)
-        # A copy: what the file gives may not be writable, which kernels would take for another type.
-        policy = Policy(np.array(tensors["weights"], dtype=np.float32), shape, bounded, header["about"], budget)
-    except (KeyError, TypeError, ValueError, InputError) as error:
-        raise FileFormatError(
-            f"Policy file {path} is damaged or no policy ({type(error).__name__}: {error})."
-        ) from error
-    if policy.weights.shape != (n_weights(shape),) or not np.isfinite(policy.weights).all():
-        raise FileFormatError(
-            f"Policy file {path}: {policy.weights.size} weights do not fit its network, or are not finite."
-        )
-    return policy
+        budget = check_budget(header["budget"], bounded=header["bounded"])
+    except (KeyError, TypeError, InputError) as error:
+        raise FileFormatError(f"Policy file {path} is damaged ({type(error).__name__}: {error}).") from error
+    weights = weights_of(path, tensors, n_weights(shape), "policy")
+    return Policy(weights, shape, header["bounded"], header["about"], budget)
 
 
 def _check_versions(header: Mapping[str, object], path: Path) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import typer
 
+from cornerforge._locks import claims
 from cornerforge.cli.config import this_call
 
 if TYPE_CHECKING:
@@ -88,6 +89,7 @@ class Bars:
             self._bars.stop()
 
 
+@claims()
 def run_command(
     work: Callable[[Bars], T],
     text: Callable[[T], str],
@@ -110,12 +112,10 @@ def run_command(
     from cornerforge._jit import announce_compiling
     from cornerforge.execution import engine
     from cornerforge.foreign.pace import announced
-    from cornerforge.pipeline.output import called_with
+    from cornerforge.pipeline.output import called_with, check_new_file, write_json
     from cornerforge.results import as_json as result_as_json
 
     if out is not None:
-        from cornerforge.pipeline.output import check_new_file
-
         check_new_file(out)
     bars = Bars(quiet)
     try:
@@ -131,8 +131,6 @@ def run_command(
         bars.stop()
     content = result_as_json(result)
     if out is not None:
-        from cornerforge.pipeline.output import write_json
-
         write_json(out, content, checksum=False)
     if as_json:
         typer.echo(json.dumps(content, allow_nan=False))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import cornerforge
+from cornerforge._locks import claims
 from cornerforge.cli.options import (
     Config,
     Debug,
@@ -31,6 +32,7 @@ from cornerforge.cli.options import (
 )
 from cornerforge.cli.output import paid_text, rate_text, run_command, training_fault_text, wrong_text
 from cornerforge.cli.program import command
+from cornerforge.world_options import AV_ASKED
 
 if TYPE_CHECKING:
     from cornerforge.results import Figured, RunDone, Served
@@ -62,7 +64,7 @@ def init(
 
 
 @command("cornerforge run --effort quick --out out/demo", "cornerforge run --config cornerforge.toml --seed 1")
-@takes_world("av", "odd", "lanes", "model", "bounded", "av_timeout", "av_batch", "av_processes", "av_python")
+@takes_world("av", "odd", "lanes", "model", "bounded", *AV_ASKED)
 def run(
     effort: Annotated[
         str | None,
@@ -192,9 +194,6 @@ def serve(
     from cornerforge.pipeline.output import check_new_file, write_json
     from cornerforge.results import as_json as result_as_json
 
-    if out is not None:
-        check_new_file(out)
-
     def up(r: Served) -> None:
         from cornerforge.explorer.server import PORT
 
@@ -214,13 +213,16 @@ def serve(
             typer.echo(f"{r.cases:,} cases: {r.url} (Ctrl-C ends it)")
         sys.stdout.flush()
 
-    run_command(
-        lambda bars: cornerforge.serve(  # noqa: ARG005
-            place, host=host, port=port, avs=more_av or (), open_browser=open_browser, threads=threads, up=up
-        ),
-        lambda r: "",  # noqa: ARG005
-        as_json=False, quiet=True,
-    )  # fmt: skip
+    with claims():
+        if out is not None:
+            check_new_file(out)
+        run_command(
+            lambda bars: cornerforge.serve(  # noqa: ARG005
+                place, host=host, port=port, avs=more_av or (), open_browser=open_browser, threads=threads, up=up
+            ),
+            lambda r: "",  # noqa: ARG005
+            as_json=False, quiet=True,
+        )  # fmt: skip
 
 
 @command(

@@ -5,11 +5,10 @@ Nothing here changes a result: an answer does not depend on how many worlds are 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-__all__ = ["MOST_WORLDS", "Pace", "announce", "announced", "choose_batch", "spoken"]
+__all__ = ["MOST_WORLDS", "Pace", "announce", "announced", "choose_batch"]
 
 MOST_WORLDS = 256
 """Worlds in a call at most, unless the user says more."""
@@ -133,26 +132,6 @@ def choose_batch(seconds_of: Callable[[int], float], most: int = MOST_WORLDS) ->
             break
         best, seconds = more, longer
     return best
-
-
-def spoken(seconds: float) -> str:
-    """Write a time as people say it.
-
-    >>> spoken(0.0021), spoken(0.2), spoken(47.0), spoken(400.0), spoken(9000.0), spoken(9e5)
-    ('2.1 ms', '0.2 s', '47 s', '7 min', '2.5 h', '10 days')
-    """
-    if seconds < 0.1:
-        return f"{1000.0 * seconds:.2g} ms"
-    if seconds < 10.0:
-        return f"{seconds:.2g} s"
-    if seconds < 120.0:
-        return f"{seconds:.0f} s"
-    if seconds < 7200.0:
-        return f"{seconds / 60.0:.0f} min"
-    if seconds < 2.0 * 86400.0:
-        return f"{seconds / 3600.0:.2g} h" if seconds < 36000.0 else f"{seconds / 3600.0:.0f} h"
-    days = seconds / 86400.0
-    return f"{days:,.0f} days" if math.isfinite(days) else "for ever"
 
 
 _listeners: list[Callable[[str], None]] = []

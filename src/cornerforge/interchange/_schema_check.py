@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-__all__ = ["parse", "wrong"]
+__all__ = ["wrong"]
 
 _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "object": ("an object {...}", lambda v: isinstance(v, dict)),
@@ -20,36 +20,6 @@ _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "null": ("null", lambda v: v is None),
 }
 _SHOWN = 60
-
-
-def parse(text: str) -> Any:
-    """Parse JSON strictly.
-
-    Raises:
-        ValueError: It is no JSON, has a key twice, NaN or an infinite number, or is nested too deeply.
-    """
-
-    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        found = dict(pairs)
-        if len(found) != len(pairs):
-            keys = [key for key, _ in pairs]
-            twice = next(key for key in keys if keys.count(key) > 1)
-            raise ValueError(f"the key {_shown(twice)} is there twice")
-        return found
-
-    def no_number(name: str) -> Any:
-        raise ValueError(f"{name} is no number of JSON")
-
-    def finite(digits: str) -> float:
-        value = float(digits)
-        if math.isinf(value):
-            raise ValueError(f"the number {digits[:_SHOWN]} is too large")
-        return value
-
-    try:
-        return json.loads(text, object_pairs_hook=once, parse_constant=no_number, parse_float=finite)
-    except RecursionError:
-        raise ValueError("it is nested too deeply") from None
 
 
 def wrong(value: Any, schema: Mapping[str, Any], place: str = "") -> str | None:

@@ -19,10 +19,13 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._arguments import checked
 from cornerforge._files import reason, writing
+from cornerforge._locks import claim_file, claims
+from cornerforge._strict_json import parse
 from cornerforge.drivers.rails import POSE_NUMBERS, X
 from cornerforge.errors import CornerForgeError, FileFormatError, InputError, OutputError
-from cornerforge.interchange._schema_check import parse, wrong
+from cornerforge.interchange._schema_check import wrong
 from cornerforge.interchange.cases import Fact, MovingCase, plain_facts, plain_text, script_of
 from cornerforge.sim import NATURAL, START_FIELDS, SUBSTEPS, Script, n_slots, scripted_start
 from cornerforge.types import CLASSES, FRAME_S, Odd
@@ -157,6 +160,8 @@ def case_schema() -> Mapping[str, Any]:
     return cast("Mapping[str, Any]", json.loads(text))
 
 
+@checked
+@claims()
 def write_case_file(case: CaseFile, path: Path | str, *, overwrite: bool = False) -> Path:
     """Write a case file, whole or not at all.
 
@@ -173,6 +178,7 @@ def write_case_file(case: CaseFile, path: Path | str, *, overwrite: bool = False
     if path.suffix != ".json":
         raise InputError(f"{path}: the name of a case file ends in .json; name it so.")
     text = case_text(case)
+    claim_file(path)
     if path.exists() and not overwrite:
         raise OutputError(f"{path} exists already; remove it, or choose another place.")
     with writing(path, "the case file") as part:
@@ -193,6 +199,7 @@ def case_text(case: CaseFile) -> str:
     return _dump(content, "") + "\n"
 
 
+@checked
 def read_case_file(path: Path | str) -> CaseFile:
     """Read a case file.
 

@@ -103,19 +103,20 @@ def _columns_of(scenario: Scenario) -> dict[str, list[Any]]:
     return columns
 
 
-def _write_csv(path: Path, columns: dict[str, list[Any]], about: dict[str, Any]) -> None:
+def _write_csv(part: Path, columns: dict[str, list[Any]], about: dict[str, Any]) -> None:
     head = [f"# {_MARK}: {json.dumps(about['version'])}", f"# name: {json.dumps(about['name'])}"]
     head.append(f"# road: {json.dumps(about['road'])}")
     head += [f"# fact {json.dumps(name)}: {json.dumps(value)}" for name, value in about["facts"].items()]
     head += [f"# column {c.name}{f' [{c.unit}]' if c.unit else ''}: {c.meaning}" for c in COLUMNS]
     head.append(",".join(columns))
     rows = "".join([_ROW % row for row in zip(*columns.values(), strict=True)])
-    path.write_bytes(("\n".join(head) + "\n" + rows).encode())
+    part.write_bytes(("\n".join(head) + "\n" + rows).encode())
 
 
-def _write_parquet(path: Path, columns: dict[str, list[Any]], about: dict[str, Any]) -> None:
+def _write_parquet(part: Path, columns: dict[str, list[Any]], about: dict[str, Any]) -> None:
     schema = pa.schema(arrow_fields(COLUMNS), metadata={_KEY: json.dumps(about)})
-    pq.write_table(pa.table(columns, schema=schema), path)
+    with part.open("wb") as file:  # Arrow takes a path like run-10:30 for an address
+        pq.write_table(pa.table(columns, schema=schema), file)
 
 
 def read_table(path: Path) -> MovingCase:

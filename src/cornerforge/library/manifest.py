@@ -15,9 +15,11 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from cornerforge._checks import shown
 from cornerforge._checksums import check_json, with_checksum
 from cornerforge._files import read_bytes, reason, writing
 from cornerforge._objects import object_fault
+from cornerforge._strict_json import parse
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.library.schema import (
     EXTRA_TYPES,
@@ -174,8 +176,8 @@ def read_manifest(folder: Path) -> tuple[Manifest, bytes]:
     except OSError as error:
         raise FileFormatError(f"Cannot read {path}: {reason(error)}.") from error
     try:
-        parsed = json.loads(content)
-    except (ValueError, RecursionError) as error:
+        parsed = parse(content.decode())
+    except ValueError as error:
         raise FileFormatError(f"{path} is damaged: {error}; restore it from a copy.") from error
     if not isinstance(parsed, dict) or parsed.get("format") != _FORMAT:
         raise FileFormatError(f"{path} is not the manifest of a case library; give the folder that `generate` made.")
@@ -213,6 +215,10 @@ def _relation_fault(content: Mapping[str, Any]) -> str | None:
         if shard["cases"] > last - first + 1:
             return f'"{place}.cases" is {shard["cases"]}; it must be at most the number of its tests'
         before, cases = last, cases + shard["cases"]
+    run = content["run"]
+    version = schema_version(scripted=run.get(SCRIPTED) is True, on_rails=run.get(ON_RAILS) is True)
+    if content["schema_version"] != version:
+        return f'"schema_version" is {content["schema_version"]}; of what "run" says it must be {version}'
     for key, least in (("crashes", cases), ("tests", content["crashes"])):
         if content[key] < least:
             return f'"{key}" is {content[key]}; it must be at least {least}'
@@ -255,6 +261,8 @@ def check_identity(run: Identity) -> dict[str, str | int | float | bool | None]:
     Raises:
         InputError: It is not.
     """
+    if not isinstance(run, Mapping):
+        raise InputError(f"A library's identity is a dictionary, not {shown(run)}.")
     if isinstance(run.get("seed"), bool) or not isinstance(run.get("seed"), int):
         raise InputError(f'A library\'s identity needs a whole number "seed"; it is {run.get("seed")!r}.')
     for key, value in run.items():

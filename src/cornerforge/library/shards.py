@@ -23,12 +23,11 @@ from cornerforge._table_checks import TableChecks, with_checks
 from cornerforge._values import values_of
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.fields import BODY, CASES, PARTNER, SHORTFALL, TRACKS
-from cornerforge.library.manifest import Shard, StoredFile, replace_file, shard_names
+from cornerforge.library.manifest import Manifest, Shard, StoredFile, replace_file, shard_names
 from cornerforge.library.record import CaseRecord, extra_kinds
 from cornerforge.library.schema import EXTRA_TYPES
 from cornerforge.library.tables import ROW_GROUP, parquet_bytes
 from cornerforge.library.values import ShardFacts, cases_fault, tracks_fault
-from cornerforge.types import Odd
 
 __all__ = [
     "DamagedShardWarning",
@@ -170,9 +169,11 @@ class ShardReader:
         damaged: File name to what is wrong with it.
     """
 
-    def __init__(self, folder: Path, seed: int, odd: Odd) -> None:
+    def __init__(self, folder: Path, manifest: Manifest) -> None:
         self.damaged: dict[str, str] = {}
-        self._folder, self._seed, self._odd = folder, seed, odd
+        self._folder, self._odd = folder, manifest.odd
+        self._seed = int(str(manifest.run["seed"]))
+        self._scripted, self._on_rails = manifest.scripted, manifest.on_rails
         self._last_tracks: tuple[str, pa.Buffer, pq.FileMetaData] | None = None
         self._checked: set[tuple[str, tuple[str, ...] | None]] = set()
 
@@ -268,6 +269,10 @@ class ShardReader:
         missing = {field.name for field in TRACKS} - {body.column.name for body in BODY} - set(file.schema_arrow.names)
         if missing:
             raise self._wrong(stored, f'it lacks the column "{min(missing)}"')
+        for name, wanted in (("start", self._scripted), ("rails", self._on_rails)):
+            if (name in file.schema_arrow.names) != wanted:
+                there = "lacks" if wanted else "has"
+                raise self._wrong(stored, f'it {there} the column "{name}", which does not fit what the manifest says')
         if file.metadata.num_rows != shard.cases:
             raise self._wrong(stored, f"it holds {file.metadata.num_rows} cases, the manifest says {shard.cases}")
 

@@ -6,6 +6,7 @@ import importlib.metadata
 import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
+from cornerforge._locks import claim_folder, claims, is_lock
 from cornerforge.errors import FileFormatError, InputError, OutputError, UnknownCaseError, UnknownNameError
 from cornerforge.fields import CASES, HISTORY_SHAPE
 from cornerforge.library.manifest import (
@@ -30,7 +32,7 @@ from cornerforge.library.manifest import (
     shard_names,
     write_manifest,
 )
-from cornerforge.library.query import run_sql
+from cornerforge.library.query import MEGABYTES, SECONDS, run_sql
 from cornerforge.library.record import CaseRecord, extra_kinds
 from cornerforge.library.schema import arrow_schema
 from cornerforge.library.shards import (
@@ -79,7 +81,7 @@ class CaseLibrary:
         self._path = path
         self._manifest = manifest
         self._committed = committed  # the manifest's bytes, to notice a second writer; None: read only
-        self._reader = ShardReader(path, _seed_of(manifest), manifest.odd)
+        self._reader = ShardReader(path, manifest)
 
     @classmethod
     def create(cls, path: Path | str, identity: Identity, odd: Odd) -> CaseLibrary:
@@ -91,15 +93,16 @@ class CaseLibrary:
             odd: Road and rules of all cases.
 
         Raises:
-            OutputError: The folder cannot be made, or holds something.
+            OutputError: The folder cannot be made, holds something, or another call writes there.
             InputError: It holds the library of another run, or the identity is not flat JSON.
         """
         folder = Path(path)
-        if _holds_library(folder, identity, odd):
-            raise OutputError(
-                f"{folder} holds a library of this run already; continue with --resume, or choose another place."
-            )
-        return cls._start(folder, identity, odd)
+        with _claimed(folder):
+            if _holds_library(folder, identity, odd):
+                raise OutputError(
+                    f"{folder} holds a library of this run already; continue with --resume, or choose another place."
+                )
+            return cls._start(folder, identity, odd)
 
     @classmethod
     def resume(cls, path: Path | str, identity: Identity, odd: Odd) -> CaseLibrary:
@@ -108,20 +111,21 @@ class CaseLibrary:
         Files that a killed run left are removed. The next test to drive is `next_test`.
 
         Raises:
-            OutputError: The folder cannot be written, or holds something else.
+            OutputError: The folder cannot be written, holds something else, or another call writes there.
             InputError: It holds the library of another run; the message names the first difference.
             FileFormatError: Its manifest is damaged or of another schema.
         """
         folder = Path(path)
-        if not _holds_library(folder, identity, odd):
-            return cls._start(folder, identity, odd)
-        manifest, committed = read_manifest(folder)
-        try:
-            for entry in folder.iterdir():
-                if is_leftover(entry.name, manifest):
-                    entry.unlink()
-        except OSError as error:
-            raise OutputError(f"Cannot tidy {folder}: {error.strerror}; make it writable.") from error
+        with _claimed(folder):
+            if not _holds_library(folder, identity, odd):
+                return cls._start(folder, identity, odd)
+            manifest, committed = read_manifest(folder)
+            try:
+                for entry in folder.iterdir():
+                    if is_leftover(entry.name, manifest):
+                        entry.unlink()
+            except OSError as error:
+                raise OutputError(f"Cannot tidy {folder}: {error.strerror}; make it writable.") from error
         library = cls(folder, manifest, committed)
         library._reader.check_sizes(manifest.shards)
         return library
@@ -213,6 +217,7 @@ class CaseLibrary:
         """Number of cases outside shards known to be damaged."""
         return sum(shard.cases for shard in self._manifest.shards if shard.cases_file.name not in self._reader.damaged)
 
+    @claims()
     def append(
         self, cases: Sequence[CaseRecord], *, next_test: int, tests: int, crashes: int, shard_cases: int | None = None
     ) -> None:
@@ -241,6 +246,7 @@ class CaseLibrary:
             return
         self._append(None if not cases or extra is None else encode_shard(cases, extra), next_test, tests, crashes)
 
+    @claims()
     def append_shard(self, shard: EncodedShard | None, *, next_test: int, tests: int, crashes: int) -> None:
         """Do the same with cases that are packed already (`shards.encode_tables`), of this library's ODD; None: none.
 
@@ -278,6 +284,7 @@ class CaseLibrary:
             return None
         return self._both(shards[-1])
 
+    @claims()
     def fill(
         self, cases: pa.Table, tracks: pa.Table, extra: Mapping[str, str], *, next_test: int, tests: int, crashes: int,
         shard_cases: int,
@@ -348,6 +355,7 @@ class CaseLibrary:
         check_integer("tests", tests, low=self.tests)
         check_integer("crashes", crashes, low=self.crashes)
 
+    @claims()
     def finish(self) -> None:
         """Mark the run as finished. A later `append` removes the mark.
 
@@ -361,6 +369,7 @@ class CaseLibrary:
     def _check_writable(self) -> None:
         if self._committed is None:
             raise OutputError(f"{self._path} is open for reading; open it with CaseLibrary.resume to append.")
+        claim_folder(self._path)
         if read_manifest(self._path)[1] != self._committed:
             raise OutputError(f"Another process writes to {self._path}; stop one of the two, then use --resume.")
 
@@ -458,14 +467,16 @@ class CaseLibrary:
             found.append(np.stack([av, partner], axis=1))
         return found[0], found[1]
 
-    def query(self, sql: str) -> tuple[list[str], list[tuple[Any, ...]]]:
+    def query(
+        self, sql: str, *, seconds: float = SECONDS, megabytes: int = MEGABYTES
+    ) -> tuple[list[str], list[tuple[Any, ...]]]:
         """Answer one SELECT over the table `cases`; see `query.run_sql`.
 
         Raises:
             InputError: The statement is wrong or forbidden.
             MissingExtraError: DuckDB is not installed.
         """
-        return run_sql(self.scalars(), sql)
+        return run_sql(self.scalars(), sql, seconds=seconds, megabytes=megabytes)
 
     def scenario(self, case_id: str) -> StoredCase:
         """Read one case with its trajectories.
@@ -570,10 +581,15 @@ class CaseLibrary:
         return UnknownCaseError(case_id, ids, len(self), str(self._path), is_near=test is not None)
 
 
-def _seed_of(manifest: Manifest) -> int:
-    seed = manifest.run["seed"]
-    assert isinstance(seed, int)
-    return seed
+@contextmanager
+def _claimed(folder: Path) -> Iterator[None]:
+    """Claim a library's folder: up to the end of the call that is at work, or, where there is none, for this moment."""
+    if folder.exists() and not folder.is_dir():
+        raise OutputError(f"{folder} cannot be used as a folder: Not a directory; choose another place.")
+    claim_folder(folder)
+    with claims():
+        claim_folder(folder)
+        yield
 
 
 def _holds_library(folder: Path, identity: Identity, odd: Odd) -> bool:
@@ -585,7 +601,7 @@ def _holds_library(folder: Path, identity: Identity, odd: Odd) -> bool:
         FileFormatError: It holds a library that cannot be read.
     """
     try:
-        names = {entry.name for entry in folder.iterdir()}
+        names = {entry.name for entry in folder.iterdir() if not is_lock(entry.name)}
     except FileNotFoundError:
         return False
     except OSError as error:
@@ -594,6 +610,11 @@ def _holds_library(folder: Path, identity: Identity, odd: Odd) -> bool:
         foreign = sorted(name for name in names if not is_leftover(name, None))
         if foreign:
             raise OutputError(f"{folder} holds something else ({foreign[0]}); choose a new or empty folder.")
+        if shards := sorted(name for name in names if not name.startswith(".")):  # the manifest comes before all shards
+            raise OutputError(
+                f"{folder} holds cases ({shards[0]}) but no {MANIFEST}, which says what they are; restore it from a "
+                "copy, or choose another place."
+            )
         return False
     difference = first_difference(read_manifest(folder)[0], check_identity(identity), odd)
     if difference is not None:

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.errors import FileFormatError, MissingExtraError, OutputError
+from cornerforge._files import writing
+from cornerforge.errors import FileFormatError, MissingExtraError
 from cornerforge.ndd.drawing import inline, new_figure, page, png_of, table
 from cornerforge.ndd.grids import SPEED_GRID
 from cornerforge.ndd.lane_fit import LaneChangeFit
@@ -115,10 +116,8 @@ def write_fit_report(report: FitReport, model: NddModel, path: Path) -> None:
         "<h2>Provenance</h2>",
         _provenance(model),
     ]
-    try:
-        path.write_text(page("Fit report", "".join(parts)), encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"The fit report cannot be written to {path} ({error.strerror}).") from error
+    with writing(path, "the fit report") as part:
+        part.write_text(page("Fit report", "".join(parts)), encoding="utf-8")
 
 
 def counted_states(model: NddModel) -> NDArray[np.int64]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._files import writing
 from cornerforge.errors import MissingExtraError
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID
 from cornerforge.ndd.ivbss_initial import gap_law, speed_law
@@ -53,7 +54,7 @@ def draw_figures(model: NddModel, folder: Path) -> list[Path]:
 
     Raises:
         MissingExtraError: No matplotlib.
-        OSError: A file cannot be written.
+        OutputError: A file cannot be written.
     """
     require_matplotlib()
     drawn = {
@@ -68,7 +69,8 @@ def draw_figures(model: NddModel, folder: Path) -> list[Path]:
     paths = []
     for name, figure in drawn.items():
         paths.append(folder / f"{name}.png")
-        figure.savefig(paths[-1], dpi=_DPI, metadata={"Software": None})
+        with writing(paths[-1], "the figure") as part:
+            figure.savefig(part, format="png", dpi=_DPI, metadata={"Software": None})
     return paths
 
 

@@ -126,7 +126,7 @@ def _by_ffmpeg(pictures: Iterable[Picture], part: Path, kind: Format) -> None:
             said.seek(0)
             lines = said.read().decode(errors="replace").strip().splitlines()
             why = lines[-1] if lines else f"status {status}"
-            raise OutputError(f"ffmpeg could not write the video ({why}); make room, or choose another place.")
+            raise OSError(f"ffmpeg could not write the video ({why})")
 
 
 def _by_pillow(pictures: Iterable[Picture], part: Path, kind: Format, colours: Sequence[str]) -> None:

@@ -90,7 +90,7 @@ def film(
             if progress is not None:
                 progress(done, len(times) + len(standing))
 
-    with writing(path) as part:
+    with writing(path, "the film") as part:
         encode(pictures(), part, kind, _COLOURS)
     return path
 

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_in, check_integer, check_number
+from cornerforge._locks import claims
 from cornerforge.errors import InputError
 from cornerforge.fields import SHORTFALL
 from cornerforge.library import CaseLibrary
@@ -31,16 +33,20 @@ if TYPE_CHECKING:
     from cornerforge.analysis import Analysis
     from cornerforge.analysis.value import Value
 
-__all__ = ["DEFAULT_LOOKS", "analyse"]
+__all__ = ["ANALYSIS_FILES", "DEFAULT_LOOKS", "analyse"]
 
 DEFAULT_LOOKS = 2000
 """Default number of cases drawn for the search for ways out: it takes a few seconds on two cores."""
+ANALYSIS_FILES = ("analysis.json", "cases.parquet", "points.parquet", "witnesses.parquet")
+"""What an analysis leaves in its folder, besides `provenance.json`."""
 _TOP = 10
 _BY_BRAKING = ", by braking"
 _SHOWING = 5
 """Cases that are shown for a flaw."""
 
 
+@checked
+@claims()
 def analyse(
     library: Path | str,
     *,
@@ -461,6 +467,6 @@ def _write(out: Path, analysed: Analysed, found: Analysis, table: pa.Table, witn
     for field in table.schema:
         if field.name != "case_id":
             everything = everything.append_column(field, table.column(field.name))
-    write_json(out / "analysis.json", as_json(analysed))
     for name, content in (("points", points), ("cases", everything), ("witnesses", witnesses)):
         write_parquet(out / f"{name}.parquet", content)
+    write_json(out / "analysis.json", as_json(analysed))  # last: where it is, the others are too

@@ -7,9 +7,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from cornerforge._checksums import read_tensors, write_tensors
+from cornerforge._checksums import read_tensors, weights_of, write_tensors
 from cornerforge._objects import object_fault
 from cornerforge.drivers.avs import AVS, AvModel, AvNetwork, av_named
 from cornerforge.drivers.policy import NetworkShape, n_weights
@@ -86,14 +84,12 @@ def load_av(path: Path) -> AvModel:
     _check_versions(header, path)
     try:
         shape = NetworkShape(**header["network"])
-        weights = np.ascontiguousarray(tensors["weights"], dtype=np.float32)
-        about = header["about"].get("about", "a learned AV")
-    except (KeyError, TypeError, AttributeError, ValueError, InputError) as error:
-        raise FileFormatError(f"AV file {path} is damaged or no AV ({type(error).__name__}: {error}).") from error
-    if shape.n_inputs != N_AV_FEATURES or shape.width > LEARNED_WIDTH or weights.shape != (n_weights(shape),):
-        raise FileFormatError(f"AV file {path} is damaged: its weights do not fit its network.")
-    if not np.isfinite(weights).all():
-        raise FileFormatError(f"AV file {path} is damaged: weights are not finite.")
+    except (TypeError, InputError) as error:
+        raise FileFormatError(f"AV file {path} is damaged ({type(error).__name__}: {error}).") from error
+    if shape.n_inputs != N_AV_FEATURES or shape.width > LEARNED_WIDTH:
+        raise FileFormatError(f"AV file {path} is damaged: its network does not fit what an AV sees.")
+    weights = weights_of(path, tensors, n_weights(shape), "learned AV")
+    about = header["about"].get("about", "a learned AV")
     version = header["features_version"]
     network = AvNetwork(shape, weights, version)
     return replace(AVS["rl"], name=str(path), about=str(about), network=network, sight=_SIGHTS[version])

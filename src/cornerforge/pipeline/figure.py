@@ -6,6 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cornerforge._arguments import checked
+from cornerforge._files import write_bytes
+from cornerforge._locks import claim_folder, claims
 from cornerforge.analysis.in_words import what_happened
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.library import CaseLibrary
@@ -14,7 +17,7 @@ from cornerforge.pictures.printing import FORMATS, check_print, print_of, width_
 from cornerforge.pictures.strip import key_moments, strip_figure
 from cornerforge.pipeline.analyse import analyse
 from cornerforge.pipeline.make_report import library_of
-from cornerforge.pipeline.output import check_new_file, writing
+from cornerforge.pipeline.output import check_new_file
 from cornerforge.pipeline.picture import way_out_of
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.report.printed import CAPTIONS, print_chart
@@ -32,6 +35,8 @@ _OF_CASES = ("types", "fault", "rules", "own", "prevented", "avoidability")
 _COUNTED = " Natural cases are counted, not weighted by how often they happen."
 
 
+@checked
+@claims()
 def figure(
     place: Path | str,
     case: str | None = None,
@@ -82,6 +87,7 @@ def figure(
     if out is None:
         return Figured(figures=tuple(FiguredOne(name=name, file=None, caption=text) for name, text in CAPTIONS.items()))
     folder = Path(out)
+    claim_folder(folder)
     files = {name: folder / f"{name}{suffix}" for name in figures or CAPTIONS}
     for file in files.values():
         check_print(file)
@@ -94,16 +100,11 @@ def figure(
     chosen = [name for name in CAPTIONS if name in charts and name in files]
     for done, name in enumerate(chosen):
         progress("figure", done, len(chosen))
-        _write(print_of(print_chart(charts[name], inches), suffix), files[name])
+        write_bytes(files[name], print_of(print_chart(charts[name], inches), suffix))
         caption = f"{CAPTIONS[name]}{_COUNTED if is_natural and name in _OF_CASES else ''}"
         made.append(FiguredOne(name=name, file=str(files[name]), caption=caption))
     progress("figure", len(chosen), len(chosen))
     return Figured(figures=tuple(made))
-
-
-def _write(content: bytes, file: Path) -> None:
-    with writing(file) as part:
-        part.write_bytes(content)
 
 
 def _strip(
@@ -122,7 +123,7 @@ def _strip(
         moments = [0.0 if time == 0.0 else -time for time in times]
     else:
         moments = key_moments(scenario, _known(scenario, steers=bool(cases.identity.get("av_steers"))))
-    _write(print_of(strip_figure(scenario, moments, width=inches), file.suffix.lower()), file)
+    write_bytes(file, print_of(strip_figure(scenario, moments, width=inches), file.suffix.lower()))
     return Figured(figures=(FiguredOne(name=case, file=str(file), caption=_caption(case, scenario)),))
 
 

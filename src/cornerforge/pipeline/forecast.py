@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from cornerforge._checks import spoken
 from cornerforge.execution import default_threads
 from cornerforge.foreign.driver import answers_per_second, answers_per_test
-from cornerforge.foreign.pace import announce, spoken
+from cornerforge.foreign.pace import announce
 from cornerforge.pipeline.setting import Experiment
 
 __all__ = ["LONG_SECONDS", "forecast", "pace_text", "seconds_of", "tests_per_hour"]

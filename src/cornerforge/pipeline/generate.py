@@ -15,7 +15,9 @@ from typing import Unpack
 import numpy as np
 import pyarrow as pa
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
+from cornerforge._locks import claims
 from cornerforge.adversary.policy_file import policy_hash, save_policy
 from cornerforge.errors import AvFaultError, CornerForgeError, InputError
 from cornerforge.execution import Rooms, in_order
@@ -368,6 +370,8 @@ def store_tests(
     return replace(counted, cases=filled.cases, library=str(out))
 
 
+@checked
+@claims()
 def generate(
     *,
     policy: Path | str | Sequence[Path | str],

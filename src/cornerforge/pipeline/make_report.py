@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from cornerforge._arguments import checked
+from cornerforge._locks import claim_folder, claims
 from cornerforge.errors import InputError
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.pipeline.analyse import DEFAULT_LOOKS, analyse
@@ -13,6 +15,8 @@ from cornerforge.results.whole import Reported
 __all__ = ["library_of", "make_report"]
 
 
+@checked
+@claims()
 def make_report(
     place: Path | str,
     *,
@@ -43,12 +47,14 @@ def make_report(
 
     given = Path(place)
     if (given / "summary.json").exists():
+        claim_folder(given)
         progress("report", 0, 1)
         page = write_report(given)
         progress("report", 1, 1)
         return Reported(report=str(page), library=str(given / "library"))
     library = library_of(given)
     folder = Path(out)
+    claim_folder(folder)
     analyse(
         library, out=folder / "analysis", avoidability=avoidability, reaction=reaction, seed=seed, threads=threads,
         progress=progress,

@@ -11,6 +11,7 @@ from typing import Unpack
 import numpy as np
 
 from cornerforge._checks import check_integer
+from cornerforge._locks import claims
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.interchange.case_file import Happened
 from cornerforge.interchange.cases import MovingCase, script_of
@@ -77,6 +78,7 @@ class CasesDriven:
         return sum(one.outcome == CRASH for one in self.cases)
 
 
+@claims()
 def library_of(
     cases: Sequence[MovingCase],
     out: Path | str,

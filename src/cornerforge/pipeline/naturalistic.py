@@ -7,7 +7,9 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
+from cornerforge._locks import claims
 from cornerforge.ndd.model import default_model_path, load_model, model_hash, save_model
 from cornerforge.pipeline.output import check_new_file, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
@@ -18,6 +20,8 @@ from cornerforge.results import NddFitted, NddImported, from_json
 __all__ = ["fit_text", "import_text", "ndd_fit", "ndd_import"]
 
 
+@checked
+@claims()
 def ndd_fit(
     files: Sequence[Path | str],
     *,
@@ -101,6 +105,8 @@ def fit_text(result: NddFitted) -> str:
     return "\n".join([*lines, f"Model: {result.out}, report: {result.report}"])
 
 
+@checked
+@claims()
 def ndd_import(
     folder: Path | str,
     *,

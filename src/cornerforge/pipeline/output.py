@@ -7,9 +7,7 @@ import importlib.metadata
 import json
 import os
 import platform
-import shlex
 import shutil
-import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -18,16 +16,18 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from cornerforge._checks import check_path
 from cornerforge._checksums import read_json, with_checksum
 from cornerforge._files import part_of, reason, writing
+from cornerforge._locks import claim_file, claim_folder, command_line, is_lock
 from cornerforge.errors import InputError, OutputError
 from cornerforge.execution import code_hash
+from cornerforge.foreign.interpreter import in_use
 
 __all__ = [
     "called_with",
     "check_new_file",
     "check_new_folder",
-    "check_path",
     "code_hash",
     "config_hash",
     "open_output",
@@ -100,10 +100,12 @@ def provenance(identity: Mapping[str, Any], seconds: float | None = None) -> dic
         identity: What decides the result: seed, hashes, settings.
         seconds: Wall-clock time of the work [s]; None while it is not done.
     """
+    outside = in_use()
     return {
         "cornerforge": version(),
-        "command": _command(),
+        "command": command_line(),
         **_CALL.get(),
+        **({"avs_from_outside": outside} if outside else {}),
         "identity": dict(identity),
         "written": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "seconds": seconds,
@@ -116,60 +118,42 @@ def provenance(identity: Mapping[str, Any], seconds: float | None = None) -> dic
     }
 
 
-def _command() -> str:
-    """Return the command line of this process, or of the Python program that calls cornerforge."""
-    name = Path(sys.argv[0]).name if sys.argv else ""
-    return shlex.join(["cornerforge" if name in ("", "__main__.py") else name, *sys.argv[1:]])
-
-
-def check_path(path: Path) -> None:
-    """Check that a path is valid text: a file can have another name, but no message or file could hold that name.
-
-    Raises:
-        InputError: The path is no valid text.
-    """
-    try:
-        str(path).encode()
-    except UnicodeEncodeError as error:
-        raise InputError(f"{str(path)!a} is no UTF-8; choose another name.") from error
-
-
 def check_new_folder(folder: Path) -> None:
-    """Check, before long work, that a folder is new or empty; create nothing.
+    """Claim, before long work, a folder that is new or empty.
 
     Raises:
-        OutputError: It holds something, is no folder, or cannot be read.
+        OutputError: It holds something, is no folder, cannot be read or written, or another call writes there.
     """
-    check_path(folder)
-    names = sorted(_entries(folder))
+    names = sorted(_claimed(folder))
     if names:
         raise OutputError(f"{folder} is there already and not empty ({names[0]}); choose a new or empty folder.")
 
 
 def check_new_file(path: Path, *, overwrite: bool = False) -> None:
-    """Check, before long work, that a file can be written at `path` without losing anything; create nothing.
+    """Claim, before long work, a file that can be written without losing anything.
 
     Raises:
-        OutputError: Something is there already, or its folder cannot be written.
+        OutputError: Something is there already, its folder cannot be written, or another call writes there.
     """
     check_path(path)
     try:
-        is_folder, is_there = path.is_dir(), path.exists()
+        is_folder = path.is_dir()
         nearest = next((folder for folder in path.absolute().parents if folder.exists()), path)
     except OSError as error:  # for example, the name is too long
         raise OutputError(f"Cannot write {path}: {reason(error)}; choose another place.") from error
     if is_folder:
         raise OutputError(f"{path} is a folder; name a file.")
-    if is_there and not overwrite:
-        raise OutputError(f"{path} exists already; remove it, or choose another place.")
     if not nearest.is_dir():
         raise OutputError(f"Cannot write {path}: {nearest} is a file; choose another place.")
     if not os.access(nearest, os.W_OK):
         raise OutputError(f"Cannot write {path}: no permission to write into {nearest}; choose another place.")
+    claim_file(path)
+    if path.exists() and not overwrite:
+        raise OutputError(f"{path} exists already; remove it, or choose another place.")
 
 
 def open_output(folder: Path, identity: Mapping[str, Any], *, resume: bool) -> bool:
-    """Claim an output folder, or go on with one.
+    """Claim an output folder, up to the end of the call, or go on with one.
 
     Args:
         folder: The folder; its parents are made.
@@ -180,12 +164,12 @@ def open_output(folder: Path, identity: Mapping[str, Any], *, resume: bool) -> b
         True if the folder holds earlier work of the same identity.
 
     Raises:
-        OutputError: The folder holds something else, holds results and `resume` is False, or cannot be written.
+        OutputError: The folder holds something else, holds results and `resume` is False, cannot be written, or
+            another call writes there.
         InputError: It holds work of another identity; the first difference is named.
     """
-    check_path(folder)
     mark = folder / IDENTITY
-    names = _entries(folder)
+    names = _claimed(folder)
     if IDENTITY in names:
         if not resume:
             raise OutputError(f"{folder} holds results already; go on with --resume, or choose another place.")
@@ -223,14 +207,22 @@ def whole_or_nothing(folder: Path, names: Sequence[str]) -> Iterator[None]:
         raise
 
 
+def _claimed(folder: Path) -> set[str]:
+    """Claim a folder and return the names in it."""
+    check_path(folder)
+    _entries(folder)  # a message of its own for what is no folder
+    claim_folder(folder)
+    return _entries(folder)
+
+
 def _entries(folder: Path) -> set[str]:
-    """Return the names in a folder; none if the folder does not exist.
+    """Return the names in a folder but those of locks; none if the folder does not exist.
 
     Raises:
         OutputError: It is no folder, or cannot be read.
     """
     try:
-        return {entry.name for entry in folder.iterdir()}
+        return {entry.name for entry in folder.iterdir() if not is_lock(entry.name)}
     except FileNotFoundError:
         return set()
     except OSError as error:

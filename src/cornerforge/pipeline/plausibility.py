@@ -9,7 +9,9 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
+from cornerforge._locks import claims
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import check_budget, policy_hash, save_policy
 from cornerforge.errors import InputError
@@ -31,6 +33,8 @@ BUDGETS_NATS = (10.0, 20.0, 40.0, 60.0, 80.0)
 _NATURAL_TESTS = 500
 
 
+@checked
+@claims()
 def plausibility(
     *,
     out: Path | str,
@@ -119,10 +123,11 @@ def _one(
     """Train and measure one policy; keep the result in a file of its own."""
     mask = "unbounded" if not run.bounded else "bounded" if run.budget is None else f"{run.budget:g}"
     done = folder / f"{mask}-{train_seed}.json"
-    if done.exists():
+    kept = folder / f"{mask}-{train_seed}.safetensors"
+    if done.exists() and kept.exists():
         return from_json(PlausibilityRun, read_json_file(done))
     policy, result = learn(run, config, seed=train_seed, threads=threads, progress=progress)
-    save_policy(policy, folder / f"{mask}-{train_seed}.safetensors")
+    save_policy(policy, kept)
     hostile = experiment(world, policy=policy, takes_foreign=True, seed=seed)
     hostile.keep_printed(folder / AV_LOG)
     found = PlausibilityRun(

@@ -13,7 +13,9 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
+from cornerforge._locks import claims
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.interchange.case_file import CaseFile
@@ -21,7 +23,7 @@ from cornerforge.library import CaseLibrary
 from cornerforge.pipeline.case_files import CaseDriver, check_count, driven_with, strikes
 from cornerforge.pipeline.cases import SEVERAL
 from cornerforge.pipeline.forecast import forecast
-from cornerforge.pipeline.output import config_hash, provenance
+from cornerforge.pipeline.output import check_new_file, config_hash, provenance
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.retest_case_files import (
     FILES_RULE,
@@ -30,7 +32,7 @@ from cornerforge.pipeline.retest_case_files import (
     pairs_of_files,
     read_case_files,
 )
-from cornerforge.pipeline.retest_files import check_new_file, write_junit, write_sarif
+from cornerforge.pipeline.retest_files import write_junit, write_sarif
 from cornerforge.pipeline.retest_pairs import RULE, Driven, pairs_of
 from cornerforge.pipeline.setting import RECORDED_AV, Experiment, check_threads
 from cornerforge.pipeline.stored_cases import drive_as_recorded, run_with
@@ -58,6 +60,8 @@ _NO, _YES, _UNKNOWN = 0, 1, -1
 """Did an AV crash in a test?"""
 
 
+@checked
+@claims()
 def retest(
     library: Path | str,
     *,
@@ -217,7 +221,7 @@ def _retest_files(
 ) -> tuple[Retested, list[Pair]]:
     """Drive the AV, and the baseline if there is one, through case files; record pairs for the page if wanted."""
     files, note = read_case_files(place)
-    options_of_old = None if baseline is None else _options_of(options, baseline)
+    options_of_old = None if baseline is None else options.with_av(baseline, is_foreign=is_foreign(baseline))
     models = [place if place.is_dir() else place.parent]
     with contextlib.ExitStack() as stack:
         new = stack.enter_context(CaseDriver(options, models))
@@ -285,11 +289,6 @@ def _in_files(driver: CaseDriver, files: Mapping[str, CaseFile], progress: Progr
             found.append(_End(None, None, str(error).removeprefix(f"Case {case.name}: ")))
         progress(what, done + 1, len(files))
     return found
-
-
-def _options_of(options: WorldOptions, av: str) -> WorldOptions:
-    """The same options with another AV; only one from outside needs a Python."""
-    return replace(options, av=av, av_python=options.av_python if is_foreign(av) else None)
 
 
 def _opened(library: Path, baseline: str | None) -> CaseLibrary:

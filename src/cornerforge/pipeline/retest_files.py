@@ -7,11 +7,10 @@ from typing import Any
 from xml.etree import ElementTree
 
 from cornerforge._files import writing
-from cornerforge.errors import InputError
 from cornerforge.pipeline.output import version, write_json
 from cornerforge.results.retest import Retested, RetestedCase
 
-__all__ = ["check_new_file", "write_junit", "write_sarif"]
+__all__ = ["write_junit", "write_sarif"]
 
 _SCHEMA = "https://raw.githubusercontent.com/oasis-tcs/sarif-spec/main/sarif-2.1/schema/sarif-schema-2.1.0.json"
 _RULES = {
@@ -33,20 +32,6 @@ def _words(one: RetestedCase) -> str:
     told = one.failure or one.words
     happened = "" if told is None else f" {told.rstrip('.')}."
     return f"Case {one.case}: others as recorded: {one.recorded}{reacting}.{happened}"
-
-
-def check_new_file(file: Path) -> None:
-    """Check before the work that a file is not there and can be written.
-
-    Raises:
-        InputError: It is there already.
-        OutputError: It cannot be written.
-    """
-    if file.exists():
-        raise InputError(f"{file} is there already; name a new file.")
-    with writing(file) as part:
-        part.touch()
-    file.unlink()
 
 
 def write_junit(file: Path, result: Retested) -> None:

@@ -7,7 +7,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Unpack
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer, check_number
+from cornerforge._locks import claims
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import load_policy
 from cornerforge.errors import InputError
@@ -27,6 +29,9 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.rate import rate, why_only_counting
 from cornerforge.pipeline.setting import AV_LOG, Experiment, check_threads, experiment
 from cornerforge.pipeline.stages import (
+    ANALYSED_FILES,
+    LIBRARY_FILES,
+    TRAINING_FILES,
     Counted,
     NaturalCases,
     PlainRates,
@@ -34,6 +39,7 @@ from cornerforge.pipeline.stages import (
     TrainedStage,
     analyse_natural,
     count,
+    natural_files,
     plain_rates,
     train_stage,
     write_exposure,
@@ -112,6 +118,8 @@ def _identity(plain: Experiment, effort: str, config: TrainConfig, seed: int) ->
     }
 
 
+@checked
+@claims()
 def run(
     *,
     effort: str | None = None,
@@ -197,13 +205,17 @@ def run(
         ),
     )  # fmt: skip
     natural_cases = once(
-        "natural_cases", NaturalCases, lambda: analyse_natural(often, folder / "natural", seed, progress)
+        "natural_cases",
+        NaturalCases,
+        lambda: analyse_natural(often, folder / "natural", seed, progress),
+        natural_files(often),
     )
     checkpoint = checkpoint_beside(folder / "policy.safetensors", plain, config, seed)
     trained = once(
         "train",
         TrainedStage,
         lambda: train_stage(plain, config, checkpoint, folder, seed, threads, progress),
+        TRAINING_FILES,
     )
     checkpoint.remove()
     policy = load_policy(folder / "policy.safetensors")
@@ -228,9 +240,13 @@ def run(
         lambda: fill_library(
             hostile, folder / "library", seed=seed, cases=size.cases, threads=threads, resume=True, progress=progress
         ),
+        LIBRARY_FILES,
     )
     analysed = once(
-        "analyse", Analysed, lambda: analyse(folder / "library", out=folder / "analysis", seed=seed, progress=progress)
+        "analyse",
+        Analysed,
+        lambda: analyse(folder / "library", out=folder / "analysis", seed=seed, progress=progress),
+        ANALYSED_FILES,
     )
     from cornerforge.report import write_report
 

@@ -17,7 +17,9 @@ from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.execution import default_threads, is_spread
+from cornerforge.fields import Field
 from cornerforge.foreign.driver import ForeignAv
+from cornerforge.foreign.interpreter import Confines
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.foreign.recorder import ForeignRecorder
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
@@ -48,6 +50,7 @@ from cornerforge.world_options import WorldKeywords, WorldOptions
 
 __all__ = [
     "AV_LOG",
+    "IDENTITY_FIELDS",
     "RECORDED_AV",
     "TEMPERATURE",
     "Experiment",
@@ -64,6 +67,25 @@ AV_LOG = "av.log"
 """File in an output folder that keeps what a foreign AV prints."""
 TEMPERATURE = 0.05
 """Temperature of `softmax` without a number [units of Q]: actions with nearly equal Q are taken nearly as often."""
+
+
+IDENTITY_FIELDS: tuple[Field, ...] = (
+    Field("seed", "int64", "", "Seed of the tests.", (0, 2**63 - 1)),
+    Field("odd", "string", "", "Name of the ODD."),
+    Field("lanes", "int64", "", "Lanes of the road.", (1, 6)),
+    Field("av", "string", "", "The AV, as it was named."),
+    Field("av_hash", "string", "", "Hash of its parameters, weights or code; null: several AVs."),
+    Field("model_hash", "string", "", "Hash of what decides how the naturalistic model drives."),
+    Field("bv", "string", "", "What drives the BVs."),
+    Field("bounded", "bool", "", "The adversary takes only actions that the naturalistic model can take."),
+    Field("budget", "float64", "nats", "Likelihood budget; null: no limit.", (0.0, 1e6)),
+    Field("acting", "string", "", "How policies act: greedily, or at random."),
+    Field("policies", "int64", "", "How many policies drive, in turn.", (0, 10_000)),
+    Field("policy_hash", "string", "", "Hash of them; null: none."),
+    Field("av_steers", "bool", "", "The AV steers; may be missing: it does not."),
+    Field("config_hash", "string", "", "Hash of the settings; may be missing in early libraries."),
+)
+"""What `run` of a library's manifest, and `identity` of a provenance, hold of an experiment; commands add keys."""
 
 
 @dataclass(frozen=True)
@@ -213,6 +235,11 @@ def check_av_options(world: WorldOptions) -> None:
         check_integer("av_processes", world.av_processes, low=1, high=1024)
 
 
+def confines_of(world: WorldOptions) -> Confines:
+    """Say in what the processes of a foreign AV run."""
+    return Confines(world.av_python, world.av_memory, world.av_sandbox)
+
+
 def _joint_hash(policies: Sequence[Policy]) -> str | None:
     """Hash a policy, or the policies of a mixture in their order; None without a policy."""
     hashes = [policy_hash(policy) for policy in policies]
@@ -336,8 +363,9 @@ def experiment(
         raise InputError(
             f"{RECORDED_AV} is no AV that could drive on its own: it is what was in the AV's seat of a case."
         )
-    if world.av_python is not None and not is_foreign(av):
-        raise InputError(f"av_python is for AVs that are not built in; {av} is. Leave it out.")
+    for name in ("av_python", "av_memory", "av_sandbox"):
+        if getattr(world, name) not in (None, False) and not is_foreign(av):
+            raise InputError(f"{name} is for AVs that are not built in; {av} is. Leave it out.")
     if is_foreign(av) and is_spread():
         raise InputError(f"The AV {av} is not built in, so it drives on this machine alone; leave out --engine ray.")
     stands_in = is_foreign(av) or av == RECORDED_AV
@@ -381,7 +409,7 @@ def experiment(
             timeout=world.av_timeout,
             batch=world.av_batch,
             processes=world.av_processes,
-            python=world.av_python,
+            confines=confines_of(world),
         )
     setting = Setting(
         road=road_numbers(road),

@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from cornerforge.errors import OutputError
+from cornerforge._arguments import checked
+from cornerforge._locks import claims
 from cornerforge.ndd.model import default_model_path, load_model, model_hash
 from cornerforge.pipeline.output import open_output, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
@@ -24,6 +25,8 @@ from cornerforge.results.naturalistic import (
 __all__ = ["ndd_show", "show_text"]
 
 
+@checked
+@claims()
 def ndd_show(
     model: Path | str | None = None, *, out: Path | str | None = None, progress: Progress = NO_PROGRESS
 ) -> NddShown:
@@ -55,10 +58,7 @@ def ndd_show(
         identity = {"command": "ndd show", "model": shown.model_hash}
         open_output(folder, identity, resume=True)
         progress("show: drawing", 0, 1)
-        try:
-            figures = tuple(str(figure) for figure in draw_figures(loaded, folder))
-        except OSError as error:
-            raise OutputError(f"Cannot draw into {folder}: {error}; make room, or choose another place.") from error
+        figures = tuple(str(figure) for figure in draw_figures(loaded, folder))
         write_json(folder / "numbers.json", numbers)
         shown = replace(shown, figures=figures)
     return shown

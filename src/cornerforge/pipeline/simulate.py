@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Unpack
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
+from cornerforge._locks import claims
 from cornerforge.errors import InputError
 from cornerforge.pipeline.counting import simulate_experiment, tally_summary
 from cornerforge.pipeline.forecast import forecast
@@ -19,6 +21,8 @@ from cornerforge.world_options import WorldKeywords, WorldOptions
 __all__ = ["simulate"]
 
 
+@checked
+@claims()
 def simulate(
     *,
     tests: int,

@@ -17,13 +17,14 @@ from typing import Any
 
 import numpy as np
 
+from cornerforge._checks import spoken
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import load_policy
 from cornerforge.errors import InputError
 from cornerforge.execution import cpu_seconds
 from cornerforge.foreign.driver import answers_per_test
 from cornerforge.foreign.loaders import is_foreign
-from cornerforge.foreign.pace import announce, spoken
+from cornerforge.foreign.pace import announce
 from cornerforge.library import CaseLibrary
 from cornerforge.pipeline.analyse import analyse
 from cornerforge.pipeline.counting import CHUNK, check_not_all_spoiled, rate_summary, simulate_experiment
@@ -35,6 +36,9 @@ from cornerforge.pipeline.progress import Progress, moving
 from cornerforge.pipeline.rate import PLAIN_TESTS, rate
 from cornerforge.pipeline.setting import AV_LOG, Experiment, check_threads, experiment
 from cornerforge.pipeline.stages import (
+    ANALYSED_FILES,
+    LIBRARY_FILES,
+    TRAINING_FILES,
     Counted,
     NaturalCases,
     PlainRates,
@@ -43,6 +47,7 @@ from cornerforge.pipeline.stages import (
     analyse_natural,
     count,
     exposure_counts,
+    natural_files,
     plain_rates,
     train_stage,
     write_exposure,
@@ -194,6 +199,7 @@ def _in_portions(
     spent: float,
     drive: Callable[[int, int], Portion],
     enough: Callable[[Sequence[Portion]], bool] = lambda _: False,
+    makes: Sequence[str] = (),
 ) -> list[Portion]:
     """Drive portions of tests while there is time, one at least.
 
@@ -205,6 +211,7 @@ def _in_portions(
         spent: Time that other parts took before [s].
         drive: Drives a portion: first test, number of tests.
         enough: Says whether more would be of no use.
+        makes: Files that each portion adds to, as for `Stages.do`.
     """
     done: list[Portion] = []
     speed, least = plan.tests_per_second, 4 * plan.processes
@@ -215,7 +222,7 @@ def _in_portions(
             break
         size = max(least, min(int(speed * min(left, share)), _MOST_PORTION))
         first = sum(portion.tests for portion in done)
-        portion = stages.do(f"{name}-{len(done):03}", Portion, lambda first=first, size=size: drive(first, size))  # type: ignore[misc]
+        portion = stages.do(f"{name}-{len(done):03}", Portion, lambda first=first, size=size: drive(first, size), makes)  # type: ignore[misc]
         done.append(portion)
         spent += portion.seconds
         speed = portion.tests / max(portion.seconds, 1e-3)
@@ -419,7 +426,9 @@ def spend(
     plain = (
         substitute if plan.stand_in is not None else _logged(experiment(options, takes_foreign=True, **masked), folder)
     )
-    trained = once("train", TrainedStage, lambda: _train(plain, config, folder, seed, threads, progress))
+    trained = once(
+        "train", TrainedStage, lambda: _train(plain, config, folder, seed, threads, progress), TRAINING_FILES
+    )
     hostile = _logged(
         experiment(options, policy=load_policy(folder / "policy.safetensors"), takes_foreign=True, seed=seed), folder
     )
@@ -428,7 +437,7 @@ def spend(
     attacks = _in_portions(
         stages, "attack", plan, _ATTACK_UNTIL * limit, spent,
         lambda first, tests: _attack(hostile, library, reward, seed, threads, progress, first, tests),
-        lambda done: sum(len(p.crashed) for p in done) >= _MOST_CASES,
+        lambda done: sum(len(p.crashed) for p in done) >= _MOST_CASES, LIBRARY_FILES,
     )  # fmt: skip
     spent += sum(p.seconds for p in attacks)
     hostile.rest()
@@ -440,7 +449,10 @@ def spend(
     spent += baselines.seconds
     nde, often = _roads(stages, natural, options, plan, limit, spent, folder, seed, threads, progress)
     natural.rest()
-    roads = once("natural_cases", NaturalCases, lambda: analyse_natural(often, folder / "natural", seed, progress))
+    roads = once(
+        "natural_cases", NaturalCases, lambda: analyse_natural(often, folder / "natural", seed, progress),
+        natural_files(often),
+    )  # fmt: skip
 
     attacked = _counted(attacks)
     write_exposure(folder, nde, attacked)
@@ -448,7 +460,10 @@ def spend(
     analysed: Analysed | None = None
     if filled.cases:
         analysed = once(
-            "analyse", Analysed, lambda: analyse(library, out=folder / "analysis", seed=seed, progress=progress)
+            "analyse",
+            Analysed,
+            lambda: analyse(library, out=folder / "analysis", seed=seed, progress=progress),
+            ANALYSED_FILES,
         )
     crashes = sum(len(p.crashed) for p in attacks)
     found = yield_of(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -12,8 +12,10 @@ from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig
 from cornerforge.adversary.policy_file import policy_hash, save_policy
 from cornerforge.errors import FileFormatError
-from cornerforge.pipeline.analyse import analyse
+from cornerforge.library.manifest import MANIFEST
+from cornerforge.pipeline.analyse import ANALYSIS_FILES, analyse
 from cornerforge.pipeline.counting import simulate_experiment, tally_summary
+from cornerforge.pipeline.generate import MODEL_FILE
 from cornerforge.pipeline.output import read_json_file, write_json
 from cornerforge.pipeline.progress import Progress
 from cornerforge.pipeline.setting import Experiment
@@ -24,27 +26,38 @@ from cornerforge.results.whole import Exposed, Exposure, ExposureMiles
 from cornerforge.sim import Tally, statistics
 
 __all__ = [
-    "Counted", "NaturalCases", "PlainRates", "Stages", "TrainedStage", "analyse_natural", "count", "exposure_counts",
-    "plain_rates", "train_stage", "write_exposure",
+    "ANALYSED_FILES", "LIBRARY_FILES", "TRAINING_FILES", "Counted", "NaturalCases", "PlainRates", "Stages",
+    "TrainedStage", "analyse_natural", "count", "exposure_counts", "natural_files", "plain_rates", "train_stage",
+    "write_exposure",
 ]  # fmt: skip
 
 T = TypeVar("T")
+TRAINING_FILES = ("policy.safetensors", "training.json")
+LIBRARY_FILES = (f"library/{MANIFEST}", f"library/{MODEL_FILE}")
+ANALYSED_FILES = tuple(f"analysis/{name}" for name in ANALYSIS_FILES)
+"""What stages of a run make in its folder."""
 
 
 class Stages:
     """Runner of stages: each runs once; `stages/NAME.json` holds its result and appears only when it is complete."""
 
     def __init__(self, out: Path) -> None:
-        self._folder = out / "stages"
+        self._out = out
 
-    def do(self, name: str, kind: type[T], work: Callable[[], T]) -> T:
+    def do(self, name: str, kind: type[T], work: Callable[[], T], makes: Sequence[str] = ()) -> T:
         """Give the result of a stage, from its file if it is there; else do the work and leave the file.
+
+        Args:
+            name: Of the stage.
+            kind: Of its result.
+            work: Does the work.
+            makes: Files in the output folder that it makes; without one of them it is not finished.
 
         Raises:
             FileFormatError: The file is damaged.
         """
-        path = self._folder / f"{name}.json"
-        if not path.exists():
+        path = self._out / "stages" / f"{name}.json"
+        if not all(file.exists() for file in (path, *(self._out / made for made in makes))):
             write_json(path, as_json(work()))
         # A resumed run reads the result from the file, so this run goes on with the same values.
         content = read_json_file(path)
@@ -159,5 +172,16 @@ def analyse_natural(found: NaturalRate, folder: Path, seed: int, progress: Progr
     """Analyse the crashes that a natural rate left in its folder."""
     if found.crashes_per_test == 0.0:
         return NaturalCases(None)
-    cases = folder / ("library" if found.method == "mc" else "weighted")
-    return NaturalCases(analyse(cases, out=folder / "analysis", seed=seed, progress=progress))
+    return NaturalCases(
+        analyse(folder / _natural_library(found), out=folder / "analysis", seed=seed, progress=progress)
+    )
+
+
+def natural_files(found: NaturalRate) -> tuple[str, ...]:
+    """Name the files that a natural rate and its analysis leave in the folder `natural` of a run."""
+    of_cases = (f"{_natural_library(found)}/{MANIFEST}", *(f"analysis/{name}" for name in ANALYSIS_FILES))
+    return tuple(f"natural/{name}" for name in ("rate.json", *(() if found.crashes_per_test == 0.0 else of_cases)))
+
+
+def _natural_library(found: NaturalRate) -> str:
+    return "library" if found.method == "mc" else "weighted"

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer, check_number
+from cornerforge._locks import claims
 from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, save_policy
@@ -288,6 +290,8 @@ def measure_baselines(
     return tuple(rates)
 
 
+@checked
+@claims()
 def train(
     *,
     out: Path | str,

@@ -11,7 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer, check_number
+from cornerforge._files import write_bytes
+from cornerforge._locks import claims
 from cornerforge.ndd.model import model_hash
 from cornerforge.pipeline.counting import distributions_of
 from cornerforge.pipeline.cut_ins import CUT_IN_FACTS
@@ -72,6 +75,8 @@ _PAGE = "validation.html"
 _CURVES = ("time_gap", "gap", "range_rate", "acceleration_following", "acceleration_free")
 
 
+@checked
+@claims()
 def ndd_validate(
     model: Path | str,
     *,
@@ -174,7 +179,7 @@ def _write_page(folder: Path, result: NddValidated) -> None:
 
     figures = figures_of(result)
     for name, png in figures.items():
-        (folder / f"{name}.png").write_bytes(png)
+        write_bytes(folder / f"{name}.png", png)
     write_text(folder / _PAGE, page_of(result, figures))
 
 

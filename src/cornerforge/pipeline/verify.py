@@ -8,8 +8,10 @@ from pathlib import Path
 
 from safetensors import SafetensorError, safe_open
 
+from cornerforge._arguments import checked
 from cornerforge._checksums import NoChecksumWarning, read_arrays, read_json, read_tensors
 from cornerforge._files import check_regular
+from cornerforge._locks import is_lock
 from cornerforge._table_checks import read_parquet
 from cornerforge.adversary.checkpoint import CHECKPOINT_KEY
 from cornerforge.adversary.policy_file import load_policy
@@ -18,7 +20,6 @@ from cornerforge.library import CaseLibrary
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.ndd.model import load_model
 from cornerforge.pipeline.av_file import load_av
-from cornerforge.pipeline.output import check_path
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.results.whole import DamagedFile, Verified
 
@@ -27,6 +28,7 @@ __all__ = ["verify"]
 _STAGE = "verify"
 
 
+@checked
 def verify(paths: Path | str | Sequence[Path | str], *, progress: Progress = NO_PROGRESS) -> Verified:
     """Check that files of cornerforge are as they were written, and that what they hold can be.
 
@@ -43,10 +45,10 @@ def verify(paths: Path | str | Sequence[Path | str], *, progress: Progress = NO_
     given = [Path(path) for path in ([paths] if isinstance(paths, (str, Path)) else paths)]
     places: list[Path] = []
     for path in given:
-        check_path(path)
         if not path.exists():
             raise InputError(f"There is nothing at {path}; name a file or a folder.")
-        places += sorted(one for one in path.rglob("*") if not one.is_dir()) if path.is_dir() else [path]
+        inside = (one for one in path.rglob("*") if not (one.is_dir() or is_lock(one.name)))
+        places += sorted(inside) if path.is_dir() else [path]
     places = [place for place in dict.fromkeys(places) if not _is_of_library(place)]
     whole, other = 0, 0
     damaged: list[DamagedFile] = []

@@ -12,11 +12,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from cornerforge._files import writing
-from cornerforge.errors import MissingExtraError, OutputError
+from cornerforge._files import write_bytes
+from cornerforge.errors import MissingExtraError
 from cornerforge.ndd.drawing import check_matplotlib, png_of, svg_of
 from cornerforge.report import text
-from cornerforge.report.rendering import environment, template
+from cornerforge.report.rendering import environment, template, write_page
 from cornerforge.report.reproduction_clusters import cluster_pictures, example_pictures, period_pictures
 from cornerforge.report.reproduction_figures import (
     Picture,
@@ -115,26 +115,17 @@ def write_reproduction(out: Path) -> Path:
     check_reproduction()
     found = open_json(out / "items.json", COMMAND).read(_Items)
     made = open_json(out / "provenance.json", COMMAND).read(_Made)
-    try:
-        sections = [_section(item, out / "figures") for item in found.items]
-        page = _render(found, made, sections)
-        with writing(out / "index.html") as part:
-            part.write_text(page, encoding="utf-8", newline="\n")
-    except OutputError:
-        raise
-    except OSError as error:
-        raise OutputError(f"{out} cannot be written: {error.strerror}; choose another --out.") from None
-    return out / "index.html"
+    sections = [_section(item, out / "figures") for item in found.items]
+    return write_page(_render(found, made, sections), out / "index.html")
 
 
 def _section(item: _Item, folder: Path) -> _Section:
     drawn = RENDERERS[item.id](item.data) if item.id in RENDERERS else []
-    folder.mkdir(parents=True, exist_ok=True)
     pictures = []
     for picture in drawn:
         png = png_of(picture.drawing)
-        (folder / f"{picture.name}.png").write_bytes(png)
-        (folder / f"{picture.name}.svg").write_bytes(svg_of(picture.drawing))
+        write_bytes(folder / f"{picture.name}.png", png)
+        write_bytes(folder / f"{picture.name}.svg", svg_of(picture.drawing))
         pictures.append((base64.b64encode(png).decode("ascii"), picture.caption))
     return _Section(item, _headline(item), pictures, _table(item))
 

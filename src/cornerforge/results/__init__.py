@@ -22,7 +22,17 @@ from cornerforge.results.retest import Retested
 from cornerforge.results.stating import as_json
 from cornerforge.results.suite import SuiteBuilt
 from cornerforge.results.validation import NddValidated
-from cornerforge.results.whole import Exported, Exposure, Figured, Initialised, Reported, RunDone, Served, Verified
+from cornerforge.results.whole import (
+    Exported,
+    Exposure,
+    Figured,
+    Initialised,
+    Migrated,
+    Reported,
+    RunDone,
+    Served,
+    Verified,
+)
 
 __all__ = [
     "FILES",
@@ -36,6 +46,7 @@ __all__ = [
     "Filled",
     "ImportedCases",
     "Initialised",
+    "Migrated",
     "NaturalRate",
     "NddFitted",
     "NddImported",
@@ -85,6 +96,7 @@ VERBS: dict[str, type] = {
     "r157": Regulated,
     "query": Queried,
     "verify": Verified,
+    "migrate": Migrated,
     "variety": Varied,
     "plausibility": Plausibility,
     "ndd show": NddShown,

@@ -180,6 +180,15 @@ class Exposure:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Migrated:
+    """A library of an earlier version, written anew."""
+
+    library: str = field(metadata=meant("The new library."))
+    cases: int = field(metadata=meant("Its cases."))
+    made_by: str = field(metadata=meant("Version of cornerforge that drove the cases."))
+
+
+@dataclass(frozen=True, kw_only=True)
 class DamagedFile:
     """A file that is not as it was written, or that holds what cannot be."""
 

@@ -1,0 +1,148 @@
+# ruff: noqa: E501  (rows of tables)
+"""The page docs/formats.md: every file that cornerforge writes and reads again, from the lists that readers check."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import fields
+
+from cornerforge.adversary.checkpoint import CHECKPOINT_FIELDS, CHECKPOINT_SCHEMA
+from cornerforge.adversary.policy_file import POLICY_FIELDS, POLICY_SCHEMA
+from cornerforge.fields import Field
+from cornerforge.library.schema import FILE_FIELDS, MANIFEST_FIELDS, SCHEMA_VERSION, SHARD_FIELDS
+from cornerforge.library.values import CASE_RELATIONS, TRACK_RELATIONS
+from cornerforge.ndd.memory import Memory
+from cornerforge.ndd.model import SCHEMA_VERSION as MODEL_SCHEMA
+from cornerforge.ndd.model import TABLES, InitialState, NddModel
+from cornerforge.pipeline.av_file import AV_FIELDS, AV_FILE_SCHEMA
+from cornerforge.pipeline.model_draws import DRAW_FIELDS
+from cornerforge.pipeline.setting import IDENTITY_FIELDS
+from cornerforge.rates.monte_carlo import COUNTS_FIELDS
+
+__all__ = ["formats_markdown"]
+
+
+def _table(rows: Iterable[Field], key: str = "key") -> list[str]:
+    lines = [f"| {key} | type | unit | allowed | meaning |", "| --- | --- | --- | --- | --- |"]
+    return [*lines, *(f"| `{r.name}` | {r.type} | {r.unit} | {r.allowed} | {r.meaning} |" for r in rows), ""]
+
+
+def _numbers(kind: type) -> list[str]:
+    """Numbers of a part of a model, from the metadata that its reader checks."""
+    lines = ["| number | unit | allowed |", "| --- | --- | --- |"]
+    for one in fields(kind):
+        if "within" in one.metadata:
+            low, high = one.metadata["within"]
+            lines.append(f"| `{one.name}` | {one.metadata.get('unit', '')} | {low:g} to {high:g} |")
+    return [*lines, ""]
+
+
+def formats_markdown() -> str:
+    """Write the page."""
+    relations = [f"- `{one.column}`: {one.must}." for one in (*CASE_RELATIONS, *TRACK_RELATIONS)]
+    return "\n".join([_BEGIN, *_LIBRARY, *relations, "", *_MODEL, *_WEIGHTS, *_RUN, *_VERSIONS, ""])
+
+
+_BEGIN = """# Formats of files
+
+What cornerforge writes and reads again. The tables are made from the lists that its readers check (`make golden`), so a
+value outside a range here is refused: one line says the file, the field, what it is and what it must be.
+
+## What holds for all files
+
+- A file is whole or absent: it is written under another name (`.NAME.part`) and renamed.
+- **Checksums.** A JSON object holds the SHA-256 of its other keys under `sha256` (of the object as JSON with sorted keys
+  and without spaces, so it may be formatted anew). A `.npz` holds one of each array under `checksums`. A safetensors file
+  holds one of its header and weights in its metadata. A Parquet file holds CRC-32 of each column and each row in its
+  metadata, so that a changed cell is named; a library's manifest holds the SHA-256 of each shard besides.
+- Reading compares them. `cornerforge verify PATH` reads everything at a place.
+- A checksum tells of damage and of edits by hand. It is no signature: see [SECURITY.md](../SECURITY.md).
+- Files of earlier versions carry none; they are read with a note, and their values are checked like all others.
+- Numbers are little-endian, texts UTF-8. No file holds pickles or code.
+- Pages, pictures, films, logs and what `export` writes are not read again and have no checksums here. Case files have
+  [a schema of their own](interchange.md), since people write them.
+"""
+
+_LIBRARY = [
+    f"""## A library (folder; schema 1 to {SCHEMA_VERSION})
+
+`manifest.json`, and for each shard `cases-NNNNNN.parquet` and `tracks-NNNNNN.parquet`
+([their columns](library-columns.md)). Replacing the manifest commits a shard; a file that it does not list is left over
+from a kill. `cases-NNNNNN-growing.parquet` is the last shard while it grows. Beside them lie `provenance.json`, the
+model (`model.npz`) and the policies that drove.
+
+### manifest.json
+""",
+    *_table(MANIFEST_FIELDS), "Of `run`, where cases are driven by cornerforge (other keys may be there):", "", *_table(IDENTITY_FIELDS),
+    "Of each shard:", "", *_table(SHARD_FIELDS), "Of each file:", "", *_table(FILE_FIELDS),
+    "### What must hold between values",
+    "",
+]  # fmt: skip
+
+_MODEL = [
+    f"""## A model (`.npz`; schema 1 to {MODEL_SCHEMA})
+
+Arrays, and `header`, JSON as text with `schema_version`, the numbers below, `provenance` (free text and numbers), and
+the objects `memory` and `initial`. What the numbers mean stands at `NddModel`, `Memory` and `InitialState`
+([design](design.md)). A model whose initial traffic can hardly be drawn is refused, too.
+""",
+    *_table(TABLES, "array"), "Numbers of the header:", "", *_numbers(NddModel), "Of `memory`:", "", *_numbers(Memory),
+    "`near` + `far` + `habit` are at most 1. Of `initial`:", "", *_numbers(InitialState),
+    "Each `..._low` is at most its `..._high`.", "",
+]  # fmt: skip
+
+_WEIGHTS = [
+    f"""## A policy (`.safetensors`; schema {POLICY_SCHEMA})
+
+The array `weights` (float32: all layers one after the other, as at `drivers.policy.PolicyNumbers`, finite, as many as
+the network has), and the header `cornerforge` in the metadata:
+""",
+    *_table(POLICY_FIELDS),
+    f"""## A learned AV (`.safetensors`; schema {AV_FILE_SCHEMA})
+
+The array `weights`, and the header `cornerforge_av`:
+""",
+    *_table(AV_FIELDS),
+    f"""## An unfinished training (`.checkpoint`, a safetensors file; schema {CHECKPOINT_SCHEMA})
+
+It lies beside the policy, and goes when the training ends. Its header `cornerforge_checkpoint`:
+""",
+    *_table(CHECKPOINT_FIELDS),
+]  # fmt: skip
+
+_RUN = [
+    """## Folders of commands
+
+| folder of | holds |
+| --- | --- |
+| all | `provenance.json`: version, command, `identity` (what decides the result), time, machine |
+| `run` | `summary.json`, `stages/NAME.json` (results of finished stages, [as commands print them](results-json.md)), `exposure.json`, `training.json`, `policy.safetensors`, `library/`, `analysis/`, `natural/`, `report.html` |
+| `rate` | `rate.json`, and so that it can go on: `counts.json` (counted), or `taught.npz` and `trees/NNNNNN.npz` (trees: arrays of each block), `draws/` (other models), and a library of the crashes |
+| `analyse` | `analysis.json`, `points.parquet`, `cases.parquet` ([columns](case-columns.md)), `witnesses.parquet` |
+| `reproduce` | `items.json`, `inputs/` |
+| `ndd validate`, `ndd fit` | `validation.json`; the model and a report |
+
+### counts.json
+""",
+    *_table(COUNTS_FIELDS), "### A file of draws/", "", *_table(DRAW_FIELDS),
+]  # fmt: skip
+
+_VERSIONS = [
+    """## Versions, and how older files are read
+
+| file | version | what a reader does |
+| --- | --- | --- |
+| library | 1 | Reads it. Cases are tests of a seed. Early ones lack `shortfall_nats` and what belongs to it (null), class and size of vehicles (cars of the ODD), own times of lane changes (the ODD's), and checksums in the manifest and by row (a note). |
+| | 2 | Reads it: cases may be scripted, their start and actions are in their tracks. Starts of earlier versions are filled up with what is known of the vehicles. |
+| | 3 | Reads it: other vehicles may be on rails. A library has the lowest version that can read it. |
+| model | 1 | Reads it: drivers without memory or own traits; who would certainly refuse a gap turns back. |
+| | 2 | Reads it; numbers that it does not say mean what they meant then. |
+| policy, learned AV | 1 | Reads them; one for another observation is refused: train it again. |
+| unfinished training | 5 | Earlier ones are refused: go on with the version that began it, or begin again. |
+| any | later | Refused: upgrade cornerforge. |
+
+Nothing is rewritten in place. `cornerforge migrate LIB --out NEW` writes a library of an earlier version anew, with the
+present columns and checksums. The numbers of an early library are those of its version's simulator: `replay --check` says whether
+the present one drives them to the same bit.
+""",
+]

@@ -1,0 +1,207 @@
+"""Locks of output places: who holds one, that a dead owner's is free, and that none is left."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from cornerforge._locks import claim_file, claim_folder, claims, is_lock, lock_of
+from cornerforge.errors import OutputError
+
+_HOLDER = """
+import sys, time
+from pathlib import Path
+from cornerforge._locks import claim_file, claim_folder, claims
+with claims():
+    {"file": claim_file, "folder": claim_folder}[sys.argv[1]](Path(sys.argv[2]))
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+@contextmanager
+def held_elsewhere(kind: str, place: Path) -> Iterator[subprocess.Popen[str]]:
+    """Let another process hold a place."""
+    with subprocess.Popen(
+        [sys.executable, "-c", _HOLDER, kind, str(place)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stdout.readline() == "held\n"
+        try:
+            yield process
+        finally:
+            process.stdin.close()
+
+
+def locks_in(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.rglob("*") if is_lock(path.name))
+
+
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_a_second_process_is_told_in_one_line_who_holds_the_place(kind: str, tmp_path: Path) -> None:
+    place = tmp_path / "out"
+    claim = claim_file if kind == "file" else claim_folder
+    with held_elsewhere(kind, place) as process:
+        with pytest.raises(OutputError, match=f"out is being written by process {process.pid} on .* since ") as refused:
+            claim(place)
+        said = json.loads(lock_of(place, is_folder=kind == "folder").read_text())
+    assert "\n" not in str(refused.value)
+    assert str(refused.value).endswith("wait, or choose another place.")
+    assert said["pid"] == process.pid
+    assert said["command"].startswith("-c ")
+    assert set(said) == {"pid", "host", "user", "command", "since", "born"}
+    assert locks_in(tmp_path) == []  # it ended, and so did its lock
+    claim(place)
+
+
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_the_lock_of_a_killed_process_is_taken_over_at_once(kind: str, tmp_path: Path) -> None:
+    place = tmp_path / "out"
+    with held_elsewhere(kind, place) as process:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        assert len(locks_in(tmp_path)) == 1
+        with claims():
+            (claim_file if kind == "file" else claim_folder)(place)
+            said = json.loads(lock_of(place, is_folder=kind == "folder").read_text())
+            assert said["pid"] == os.getpid()
+    assert locks_in(tmp_path) == []
+
+
+def test_what_lies_in_a_held_folder_is_held_too(tmp_path: Path) -> None:
+    inside = tmp_path / "run" / "library"
+    inside.mkdir(parents=True)
+    with held_elsewhere("folder", tmp_path / "run"):
+        for claim in (claim_file, claim_folder):
+            with pytest.raises(OutputError, match=r"library lies in .*run, which is being written by process"):
+                claim(inside)
+    claim_folder(inside)
+
+
+def test_a_call_within_may_claim_what_the_call_around_it_holds(tmp_path: Path) -> None:
+    with claims():
+        claim_folder(tmp_path / "run")
+        with claims():
+            claim_folder(tmp_path / "run")
+            claim_folder(tmp_path / "run" / "library")
+            claim_file(tmp_path / "run" / "policy")
+        assert locks_in(tmp_path) == [".cornerforge.lock"]
+    assert locks_in(tmp_path) == []
+
+
+def test_another_thread_may_not(tmp_path: Path) -> None:
+    refused: list[str] = []
+
+    def claim() -> None:
+        with claims(), pytest.raises(OutputError, match="another call in this process") as told:
+            claim_folder(tmp_path)
+        refused.append(str(told.value))
+
+    with claims():
+        claim_folder(tmp_path)
+        thread = threading.Thread(target=claim)
+        thread.start()
+        thread.join()
+    assert len(refused) == 1
+
+
+def test_folders_made_for_a_lock_are_removed_if_nothing_came_of_the_call(tmp_path: Path) -> None:
+    @claims()
+    def interrupted() -> None:
+        claim_file(tmp_path / "new" / "newer" / "policy")
+        assert locks_in(tmp_path) == [".policy.cornerforge.lock"]
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(OutputError, match=r"Cannot write .*file/in: Not a directory; make room, or choose"):
+        claim_file(tmp_path / "file" / "in")
+
+
+def test_of_many_processes_that_start_together_one_gets_the_place(tmp_path: Path) -> None:
+    place, go = tmp_path / "out", tmp_path / "go"
+    script = _HOLDER.replace("with claims", f"\nwhile not Path({str(go)!r}).exists(): time.sleep(0.0005)\nwith claims")
+    waiting = [
+        subprocess.Popen(
+            [sys.executable, "-c", script, "folder", str(place)],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )
+        for _ in range(6)
+    ]  # fmt: skip
+    try:
+        time.sleep(0.5)
+        go.touch()
+        losers = [process for process in waiting if process.stdout and process.stdout.readline() != "held\n"]
+    finally:
+        ends = [process.communicate("")[1] for process in waiting]
+    assert len(losers) == 5
+    assert sum("is being written by" in said for said in ends) == 5
+    assert locks_in(tmp_path) == []
+
+
+# File systems without locks
+
+
+@pytest.fixture
+def without_locks(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(descriptor: int, operation: int) -> None:  # noqa: ARG001
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr("fcntl.flock", refuse)
+
+
+@pytest.mark.usefixtures("without_locks")
+def test_without_the_systems_locks_the_owner_decides(tmp_path: Path) -> None:
+    place = tmp_path / "out"
+    with claims():
+        claim_folder(place)
+        claim_folder(place)
+    assert not place.exists()
+    with held_elsewhere("folder", place) as process:
+        with pytest.raises(OutputError, match=rf"process {process.pid} on .*, or remove .*\.cornerforge\.lock if"):
+            claim_folder(place)
+        with pytest.raises(OutputError, match="lies in"):
+            claim_folder(place / "in")
+        process.kill()
+        process.wait()
+        claim_folder(place)
+        assert locks_in(tmp_path) == []
+
+
+@pytest.mark.usefixtures("without_locks")
+def test_without_the_systems_locks_the_lock_of_another_machine_stands(tmp_path: Path) -> None:
+    lock = lock_of(tmp_path, is_folder=True)
+    lock.write_text(json.dumps({"pid": 1, "host": "elsewhere", "since": 1e9, "command": "cornerforge run"}))
+    with pytest.raises(OutputError, match=r"process 1 on elsewhere since 2001-.* days\): cornerforge run; wait"):
+        claim_folder(tmp_path)
+    assert lock.exists()
+
+
+@pytest.mark.usefixtures("without_locks")
+def test_without_the_systems_locks_a_number_that_went_to_another_process_is_no_owner(tmp_path: Path) -> None:
+    with claims():
+        claim_folder(tmp_path)
+        lock = lock_of(tmp_path, is_folder=True)
+        said = json.loads(lock.read_text())
+    if said["born"] is None:
+        pytest.skip("this system does not tell when a process began")
+    lock.write_text(json.dumps({**said, "born": said["born"] - 1}))
+    claim_folder(tmp_path)
+    assert not lock.exists()
