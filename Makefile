@@ -3,6 +3,9 @@
 PYTHON ?= python3
 DATA ?= ../shared/data/ngsim*.gz
 OUT ?= out/demo
+FUZZ_INPUTS ?= 20000
+FUZZ_SECONDS ?= 600
+FUZZ_SEED ?= random
 KILLS ?= 1000
 
 BIN := .venv/bin
@@ -32,7 +35,7 @@ MODEL := src/cornerforge/ndd/default_model.npz
 RL_AV := src/cornerforge/drivers/rl_av.safetensors
 
 .DEFAULT_GOAL := help
-.PHONY: help setup web demo test test-slow kill test-browser test-interchange check format audit licences docs wheel lowest bench model rl-av golden clean-cache clean
+.PHONY: help setup web demo test test-slow fuzz kill test-browser test-interchange check format audit licences docs wheel lowest bench model rl-av golden clean-cache clean
 
 help: ## list the targets (this)
 	@awk -F ':.*## ' '/^[a-z][a-z-]*:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -52,6 +55,9 @@ test: $(SETUP) ## run the default tests and the examples in docstrings: offline,
 
 test-slow: $(SETUP) ## run the tests at full scale too, on a seed drawn now and printed
 	@$(BIN)/python -m pytest -m "not gpu and not browser and not interchange" --seed random --hypothesis-profile slow
+
+fuzz: $(SETUP) ## put damaged and hostile inputs of every kind through all readers: FUZZ_INPUTS, FUZZ_SECONDS, FUZZ_SEED say how many
+	@cd tests && PYTHONPATH=. $(abspath $(BIN))/python -m fuzz.run --inputs $(FUZZ_INPUTS) --seconds $(FUZZ_SECONDS) --seed $(FUZZ_SEED)
 
 kill: $(SETUP) ## kill all long commands at random moments, resume them, and compare: KILLS=1000 by default, SEED=N repeats
 	@$(BIN)/python tests/kill/killing.py --kills $(KILLS) $(if $(SEED),--seed $(SEED))

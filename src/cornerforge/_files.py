@@ -40,6 +40,8 @@ LARGEST = 1 << 31
 def check_regular(path: Path) -> None:
     """Check that a path is a file with an end: reading a pipe waits for ever, and a device may never end.
 
+    A file with holes may be larger than any memory, so there is a largest size too.
+
     Raises:
         OSError: It is not, is larger than `LARGEST`, or is not there.
     """

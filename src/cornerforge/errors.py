@@ -35,6 +35,7 @@ __all__ = [
     "UndrawableError",
     "UnknownCaseError",
     "UnknownNameError",
+    "one_line",
 ]
 
 
@@ -42,15 +43,23 @@ _LONGEST = 2_000
 """Most characters of a message: names in it come from users and files, and can be of any length."""
 
 
+def one_line(text: str) -> str:
+    r"""Make one line that can be printed anywhere of a text that may hold anything, such as the name of a file.
+
+    >>> one_line("no file a\x1b[2J: it ends here\nand here")
+    'no file a\\x1b[2J: it ends here\\nand here'
+    """
+    half = (_LONGEST - 5) // 2
+    if len(text) > _LONGEST:
+        text = f"{text[:half]} ... {text[-half:]}"
+    return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
+
+
 class CornerForgeError(Exception):
     """Base of everything that a user can cause and mend; its text is one line that can be printed anywhere."""
 
     def __str__(self) -> str:
-        text = super().__str__()
-        half = (_LONGEST - 5) // 2
-        if len(text) > _LONGEST:
-            text = f"{text[:half]} ... {text[-half:]}"
-        return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
+        return one_line(super().__str__())
 
 
 class InputError(CornerForgeError, ValueError):

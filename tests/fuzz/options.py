@@ -1,26 +1,22 @@
 """Hostile values for every argument and option of every command, one at a time, in calls that are cheap otherwise.
 
-`cases` gives the command lines, `verdict` runs one and says what became of it.
+`cases` gives the command lines; `hostile_options` draws one.
 """
 
 from __future__ import annotations
 
-import contextlib
-import io
-import os
-import select
-import signal
-import traceback
+import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import typer
 
-from cornerforge.cli import app, main
+from cornerforge.cli import app
 
-__all__ = ["HOSTILE", "Case", "Inputs", "cases", "verdict"]
+__all__ = ["HOSTILE", "Case", "Inputs", "cases", "hostile_options", "plain_options"]
 
 HOSTILE = (
     "", "nan", "inf", "-inf", "-1", "0", "1e308", "1" + 30 * "0", "2.7", "true", "x", "x" * 100_000, "\udcff", "~/x",
@@ -63,6 +59,11 @@ class Case:
     option: str
     value: str
     argv: tuple[str, ...]
+
+
+_AT = Inputs(
+    Path("lib"), Path("p.safetensors"), Path("ngsim.csv"), Path("imported/cases/cut_in.json"), Path("osc/cut_in.xosc")
+)
 
 
 def _commands(command: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -121,6 +122,10 @@ def _argv(words: tuple[str, ...], command: Any, values: dict[str, Sequence[str]]
     return (*words, *options, "--", *arguments)
 
 
+def _one_thread(command: Any) -> dict[str, Sequence[str]]:
+    return {one.name: ["1"] for one in command.params if one.name == "threads"}
+
+
 def cases(at: Inputs, out: str = "out") -> Iterator[Case]:
     """Give a command line for each hostile value of each argument and option that takes one.
 
@@ -130,7 +135,7 @@ def cases(at: Inputs, out: str = "out") -> Iterator[Case]:
     """
     for words, command in _commands(typer.main.get_command(app)):
         usual = _usual(words, at, out)
-        usual |= {one.name: ["1"] for one in command.params if one.name == "threads"}
+        usual |= _one_thread(command)
         for one in command.params:
             if getattr(one, "is_flag", False):
                 continue
@@ -138,43 +143,19 @@ def cases(at: Inputs, out: str = "out") -> Iterator[Case]:
                 yield Case(words, one.name, value, _argv(words, command, {**usual, one.name: [value]}))
 
 
-def verdict(argv: Sequence[str], seconds: float = 20.0) -> tuple[str, str]:
-    """Run a command line in a fork of this process: one that is killed in the middle of compiling harms no other.
-
-    Args:
-        argv: All words after `cornerforge`.
-        seconds: Longest time.
-
-    Returns:
-        "done" (exit status 0 or 1), "refused" (2, with one line), "badly refused" (2, with another number of lines),
-        "late" or "traceback"; and what was said.
-    """
-    reading, writing = os.pipe()
-    child = os.fork()
-    if child == 0:
-        os.close(reading)
-        with os.fdopen(writing, "wb") as told:
-            told.write("\0".join(_told(argv)).encode("utf-8", "backslashreplace"))
-        os._exit(0)
-    os.close(writing)
-    with os.fdopen(reading, "rb") as told:
-        is_told, _, _ = select.select([told], [], [], seconds)
-        if not is_told:
-            os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
-        what, _, said = told.read().decode().partition("\0")
-    return (what, said) if what else ("late" if not is_told else "traceback", said)
+def hostile_options(rng: np.random.Generator) -> list[str]:
+    """Draw one of `cases`, for a folder as of the seed "everything"."""
+    every = _every()
+    return list(every[int(rng.integers(len(every)))].argv)
 
 
-def _told(argv: Sequence[str]) -> tuple[str, str]:
-    said, shown = io.StringIO(), io.StringIO()
-    try:
-        with contextlib.redirect_stdout(shown), contextlib.redirect_stderr(said):
-            status = main(list(argv))
-    except BaseException as error:  # whatever leaves `main` is what we look for
-        return "traceback", "".join(traceback.format_exception(error))[-1000:]
-    lines = [line for line in said.getvalue().split("\n") if line and not line.startswith(("Warning: ", "Compiling "))]
-    if status != 2:
-        return "done", shown.getvalue()[-200:] + "".join(lines)[-200:]
-    right = len(lines) == 1 and lines[0].startswith("cornerforge: ") and lines[0].isprintable()
-    return ("refused" if right else "badly refused"), "\n".join(lines)
+def plain_options(argv: list[str]) -> list[str]:
+    """The command of a drawn line with nothing odd."""
+    case = next(case for case in _every() if list(case.argv) == argv)
+    command = dict(_commands(typer.main.get_command(app)))[case.words]
+    return list(_argv(case.words, command, _usual(case.words, _AT, "out") | _one_thread(command)))
+
+
+@functools.cache
+def _every() -> tuple[Case, ...]:
+    return tuple(case for case in cases(_AT) if case.words != ("serve",))  # which never ends when it is right

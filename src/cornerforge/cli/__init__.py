@@ -16,7 +16,7 @@ import typer
 from cornerforge.cli import whole, driving, learning, cases, exchange, naturalistic  # isort: skip
 from cornerforge.cli.config import Call, a_call
 from cornerforge.cli.program import app
-from cornerforge.errors import CornerForgeError, InputError
+from cornerforge.errors import CornerForgeError, InputError, one_line
 
 __all__ = ["app", "main"]
 
@@ -34,13 +34,13 @@ def _usage_message(error: Any) -> str:
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    typer.echo(f"Warning: {message}", err=True)
+    typer.echo(f"Warning: {one_line(str(message))}", err=True)
 
 
 def _complain(message: object, *, debug: bool) -> int:
     if debug:
         traceback.print_exc()
-    typer.echo(f"cornerforge: {message}", err=True)
+    typer.echo(f"cornerforge: {one_line(str(message))}", err=True)
     return EXIT_BAD_INPUT
 
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from cornerforge._files import reason, writing
+from cornerforge._files import read_bytes, reason, writing
 from cornerforge.errors import FileFormatError, InputError, OutputError
 
 __all__ = ["keep_note", "notes_file", "read_notes"]
@@ -31,7 +31,7 @@ def read_notes(file: Path) -> dict[str, dict[str, Any]]:
         FileFormatError: The file is damaged, or of a later version.
     """
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
+        content = json.loads(read_bytes(file).decode())
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, RecursionError) as error:
