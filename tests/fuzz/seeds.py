@@ -239,7 +239,6 @@ def _everything(root: Path) -> None:
         ("tracks", "ngsim.csv"),
         ("case-file", "imported"),
     )
-    ("scenarios", "osc")
     for seed, name in parts:
         whole = seed_folder(root, seed) / name
         if whole.is_dir():
