@@ -16,6 +16,7 @@ from cornerforge.ndd.model import SCHEMA_VERSION as MODEL_SCHEMA
 from cornerforge.ndd.model import TABLES, InitialState, NddModel
 from cornerforge.pipeline.av_file import AV_FIELDS, AV_FILE_SCHEMA
 from cornerforge.pipeline.model_draws import DRAW_FIELDS
+from cornerforge.pipeline.setting import IDENTITY_FIELDS
 from cornerforge.rates.monte_carlo import COUNTS_FIELDS
 
 __all__ = ["formats_markdown"]
@@ -38,7 +39,7 @@ def _numbers(kind: type) -> list[str]:
 
 def formats_markdown() -> str:
     """Write the page."""
-    relations = [f"- `{one.column}` is {one.must}." for one in (*CASE_RELATIONS, *TRACK_RELATIONS)]
+    relations = [f"- `{one.column}`: {one.must}." for one in (*CASE_RELATIONS, *TRACK_RELATIONS)]
     return "\n".join([_BEGIN, *_LIBRARY, *relations, "", *_MODEL, *_WEIGHTS, *_RUN, *_VERSIONS, ""])
 
 
@@ -55,7 +56,7 @@ value outside a range here is refused: one line says the file, the field, what i
   holds one of its header and weights in its metadata. A Parquet file holds CRC-32 of each column and each row in its
   metadata, so that a changed cell is named; a library's manifest holds the SHA-256 of each shard besides.
 - Reading compares them. `cornerforge verify PATH` reads everything at a place.
-- A checksum tells of damage and of edits by hand. It is no signature: see [SECURITY.md](SECURITY.md).
+- A checksum tells of damage and of edits by hand. It is no signature: see [SECURITY.md](../SECURITY.md).
 - Files of earlier versions carry none; they are read with a note, and their values are checked like all others.
 - Numbers are little-endian, texts UTF-8. No file holds pickles or code.
 - Pages, pictures, films, logs and what `export` writes are not read again and have no checksums here. Case files have
@@ -72,7 +73,8 @@ model (`model.npz`) and the policies that drove.
 
 ### manifest.json
 """,
-    *_table(MANIFEST_FIELDS), "Of each shard:", "", *_table(SHARD_FIELDS), "Of each file:", "", *_table(FILE_FIELDS),
+    *_table(MANIFEST_FIELDS), "Of `run`, where cases are driven by cornerforge (other keys may be there):", "", *_table(IDENTITY_FIELDS),
+    "Of each shard:", "", *_table(SHARD_FIELDS), "Of each file:", "", *_table(FILE_FIELDS),
     "### What must hold between values",
     "",
 ]  # fmt: skip
@@ -139,8 +141,8 @@ _VERSIONS = [
 | unfinished training | 5 | Earlier ones are refused: go on with the version that began it, or begin again. |
 | any | later | Refused: upgrade cornerforge. |
 
-Nothing is rewritten in place. What is read from an early library and saved again (`shrink`, `suite build`, `export`) has
-the present version. The numbers of an early library are those of its version's simulator: `replay --check` says whether
+Nothing is rewritten in place. `cornerforge migrate LIB --out NEW` writes a library of an earlier version anew, with the
+present columns and checksums. The numbers of an early library are those of its version's simulator: `replay --check` says whether
 the present one drives them to the same bit.
 """,
 ]

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cornerforge._checks import check_finite, check_in, check_integer, check_number
+from cornerforge._checks import check_finite, check_in, check_integer, check_is_json, check_number, spoken
 from cornerforge.errors import CornerForgeError, InputError, UnknownNameError
 
 
@@ -63,3 +63,67 @@ def test_errors_can_be_caught_as_ours_or_as_pythons() -> None:
     for kind in (CornerForgeError, ValueError):
         with pytest.raises(kind):
             check_integer("tests", 0, low=1)
+
+
+@pytest.mark.parametrize("value", [10**400, -(10**400)])
+def test_numbers_of_hundreds_of_digits_are_out_of_range(value: int) -> None:
+    with pytest.raises(InputError, match=r"share = .* is out of range; allowed: 0\.0 to 1\.0\."):
+        check_number("share", value, low=0.0, high=1.0)
+    with pytest.raises(InputError, match=r"tests = .* is out of range; allowed: from 1 to 5\."):
+        check_integer("tests", value, low=1, high=5)
+
+
+class Unwritable:
+    def __repr__(self) -> str:
+        raise RuntimeError
+
+
+def test_a_value_is_spoken_in_few_words() -> None:
+    assert spoken(np.zeros((2, 2))) == "array([[0., 0.], [0., 0.]])"
+    assert "Unwritable" in spoken(Unwritable())
+    assert spoken(10**5000) == "<int>"
+    assert len(spoken("x" * 10**6)) < 200
+
+
+def test_what_json_holds_is_copied() -> None:
+    about = {"seed": 1, "curve": [{"loss": 0.5}], "name": "ä", "none": None}
+    assert check_is_json("about", about) == about
+    assert check_is_json("about", about) is not about
+
+
+@pytest.mark.parametrize(
+    ("about", "message"),
+    [
+        (None, "about = None is not a dictionary"),
+        ([("a", 1)], "about = .* is not a dictionary"),
+        ({1: 2}, "about = {1: 2} is not a dictionary with texts as keys"),
+        ({"a": object()}, r"about\['a'\] = .* cannot be kept as JSON"),
+        ({"a": math.nan}, r"about\['a'\] = nan cannot be kept as JSON"),
+        ({"a": {"b": [math.inf]}}, r"about\['a'\] = .* cannot be kept as JSON"),
+        ({"a": np.float32(1.0)}, r"about\['a'\] = .* cannot be kept as JSON"),
+        ({"a": b"x"}, r"about\['a'\] = b'x' cannot be kept as JSON"),
+        ({"a": "\udcff"}, r"about\['a'\] = .* cannot be kept as JSON"),
+        ({"a": {(1, 2): 3}}, r"about\['a'\] = .* cannot be kept as JSON"),
+    ],
+)
+def test_what_json_cannot_hold_is_named(about: object, message: str) -> None:
+    with pytest.raises(InputError, match=f"^{message}") as caught:
+        check_is_json("about", about)  # type: ignore[arg-type]
+    assert "\n" not in str(caught.value)
+
+
+def test_what_holds_itself_is_no_json() -> None:
+    about: dict[str, object] = {}
+    about["a"] = about
+    with pytest.raises(InputError, match="cannot be kept as JSON"):
+        check_is_json("about", about)
+
+
+def test_a_message_is_one_line_that_can_be_printed() -> None:
+    """Names in it come from users and files: line ends, escapes of terminals, halves of characters, any length."""
+    said = str(CornerForgeError("no file a\nb\x1b[31m\udcff\0 ä 道"))
+    assert said == r"no file a\nb\x1b[31m\udcff\x00 ä 道"
+    long = str(UnknownNameError("AV", "x" * 10**6, ["idm-mobil"]))
+    assert len(long) <= 2_000
+    assert long.startswith('No AV "xxx')
+    assert long.endswith("Known: idm-mobil.")

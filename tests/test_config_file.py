@@ -285,3 +285,11 @@ def test_a_file_can_say_every_option(path: list[str], place: Path) -> None:  # n
 
 def test_without_a_call_nothing_is_stated() -> None:
     assert Call().stated() == {}
+
+
+def test_a_file_without_end_is_not_read_to_its_end(place: Path, capsys: Capture) -> None:  # noqa: ARG001
+    """Such as /dev/zero, which would fill the memory first."""
+    write("# " + "x" * 1_000_000)
+    status, _, err = call(capsys, *SIMULATE, "--config", "c.toml")
+    assert status == 2
+    assert err == "cornerforge: The config file c.toml is longer than 1,000,000 characters; name another file.\n"

@@ -20,6 +20,7 @@ from cornerforge.world_options import (
     AvAloneKeywords,
     AvAskedKeywords,
     AvKeywords,
+    AvProcessKeywords,
     DrivingEnvKeywords,
     RoadKeywords,
     WorldKeywords,
@@ -32,15 +33,13 @@ VERBS = {
     "rate": AvKeywords, "run": AvKeywords, "r157": AvKeywords, "plausibility": AvKeywords, "check_av": AvKeywords,
     "train_av": RoadKeywords, "reproduce": RoadKeywords, "retest": AvAloneKeywords,
     "drive_case": AvAloneKeywords, "import_cases": AvAloneKeywords, "cases_from_data": AvAloneKeywords,
-    "suite_build": AvAskedKeywords,
+    "suite_build": AvAskedKeywords, "replay": AvProcessKeywords, "shrink": AvProcessKeywords,
 }  # fmt: skip
-# `budget` of run and reproduce is an old name of effort too; replay and shrink know their world from the library.
+# `budget` of run and reproduce is an old name of effort too.
 # The model of `ndd` is what they show, check or fill.
 OWN = {
     "run": {"bounded", "budget"},
     "reproduce": {"budget"},
-    "replay": {"av_timeout", "av_python"},
-    "shrink": {"av_timeout", "av_python"},
 } | {f"ndd_{name}": {"model"} for name in ("import", "show", "validate")}
 OF_COMMANDS = {"run": {"budget"}, "reproduce": {"budget"}, "plausibility": {"budget"}}
 # Here nobody need drive: the AV is "recorded" unless one is named.
@@ -52,7 +51,7 @@ def test_keywords_are_the_options() -> None:
     assert set(AvKeywords.__annotations__) == NAMES - {"bounded", "budget"}
     assert set(RoadKeywords.__annotations__) == {"odd", "lanes", "model"}
     assert set(DrivingEnvKeywords.__annotations__) == {"odd", "lanes", "model", "bounded"}
-    own = {"av", "av_timeout", "av_python"}
+    own = {"av", "av_timeout", "av_python", "av_memory", "av_sandbox"}
     assert set(AdversaryEnvKeywords.__annotations__) == {"odd", "lanes", "model", "bounded"} | own
     assert WorldOptions().av_timeout == DEFAULT_TIMEOUT
 

@@ -5,14 +5,58 @@ Every message says what was wrong, its value, what is allowed, and where.
 
 from __future__ import annotations
 
+import json
 import math
+import os
+import reprlib
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import InputError, UnknownNameError
 
-__all__ = ["check_finite", "check_in", "check_integer", "check_number", "spoken"]
+__all__ = [
+    "check_finite",
+    "check_in",
+    "check_integer",
+    "check_is_json",
+    "check_number",
+    "check_path",
+    "shown",
+    "spoken",
+]
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = 120
+
+
+def shown(value: object) -> str:
+    """Write a value that is not right as messages show it: as Python writes it, long ones without their middle.
+
+    >>> shown("x"), shown([1.0, 2.0])
+    ("'x'", '[1.0, 2.0]')
+    """
+    try:
+        return " ".join(_SHORT.repr(value).split())
+    except Exception:  # what cannot even be written: a whole number of 5,000 digits, an object of a class with a fault
+        return f"<{type(value).__name__}>"
+
+
+def check_path(path: os.PathLike[str] | str) -> None:
+    """Check that a path is valid text: a file can have another name, but no message or file could hold that name.
+
+    Raises:
+        InputError: The path is no valid text, or holds the character that ends texts.
+    """
+    try:
+        name = os.fsdecode(path)
+        name.encode()
+    except UnicodeEncodeError as error:
+        raise InputError(f"{os.fspath(path)!a} is no UTF-8; choose another name.") from error
+    if "\0" in name:
+        raise InputError(f"{shown(name)} is no name of a file, because it holds a NUL; choose another name.")
 
 
 def check_integer(name: str, value: int, *, low: int, high: int | None = None) -> int:
@@ -26,9 +70,9 @@ def check_integer(name: str, value: int, *, low: int, high: int | None = None) -
     """
     allowed = f"at least {low}" if high is None else f"from {low} to {high}"
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise InputError(f"{name} = {value!r} is not a whole number; allowed: {allowed}.")
+        raise InputError(f"{name} = {spoken(value)} is not a whole number; allowed: {allowed}.")
     if value < low or (high is not None and value > high):
-        raise InputError(f"{name} = {value} is out of range; allowed: {allowed}.")
+        raise InputError(f"{name} = {spoken(value)} is out of range; allowed: {allowed}.")
     return int(value)
 
 
@@ -40,8 +84,8 @@ def check_number(name: str, value: float, *, low: float, high: float, unit: str 
     """
     tail = f" {unit}" if unit else ""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise InputError(f"{name} = {value!r} is not a number; allowed: {low} to {high}{tail}.")
-    if not math.isfinite(value) or value < low or value > high:
+        raise InputError(f"{name} = {spoken(value)} is not a number; allowed: {low} to {high}{tail}.")
+    if not low <= value <= high:
         raise InputError(f"{name} = {value}{tail} is out of range; allowed: {low} to {high}{tail}.")
     return float(value)
 
@@ -52,7 +96,7 @@ def check_in(name: str, value: str, allowed: tuple[str, ...]) -> str:
     Raises:
         UnknownNameError: It is not; the nearest allowed value is suggested.
     """
-    if value not in allowed:
+    if not isinstance(value, str) or value not in allowed:
         raise UnknownNameError(name, value, allowed)
     return value
 
@@ -89,3 +133,22 @@ def spoken(seconds: float) -> str:
         return f"{seconds / 3600.0:.2g} h" if seconds < 36000.0 else f"{seconds / 3600.0:.0f} h"
     days = seconds / 86400.0
     return f"{days:,.0f} days" if math.isfinite(days) else "for ever"
+
+
+def check_is_json(name: str, value: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a copy of a dictionary that JSON can hold as it is.
+
+    Raises:
+        InputError: It is no dictionary, or JSON has no such value: NaN, infinity, an array, a number of NumPy, bytes.
+
+    >>> check_is_json("about", {"seed": 1})
+    {'seed': 1}
+    """
+    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
+        raise InputError(f"{name} = {shown(value)} is not a dictionary with texts as keys.")
+    for key, one in value.items():
+        try:
+            json.dumps({key: one}, allow_nan=False, ensure_ascii=False).encode()
+        except (TypeError, ValueError, RecursionError) as error:
+            raise InputError(f"{name}[{shown(key)}] = {shown(one)} cannot be kept as JSON: {error}.") from None
+    return dict(value)

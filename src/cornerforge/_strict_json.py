@@ -31,13 +31,18 @@ def _finite(digits: str) -> float:
     return value
 
 
-def parse(text: str) -> Any:
+def parse(text: str, *, finite: bool = True) -> Any:
     """Parse JSON strictly.
 
+    Args:
+        text: The JSON.
+        finite: Refuse NaN and infinite numbers; False: let them through, to a reader that names what they are.
+
     Raises:
-        ValueError: It is no JSON, has a key twice, NaN or an infinite number, or is nested too deeply.
+        ValueError: It is no JSON, has a key twice, a number that is not finite, or is nested too deeply.
     """
+    numbers: dict[str, Any] = {"parse_constant": _no_number, "parse_float": _finite} if finite else {}
     try:
-        return json.loads(text, object_pairs_hook=_once, parse_constant=_no_number, parse_float=_finite)
+        return json.loads(text, object_pairs_hook=_once, **numbers)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None

@@ -11,6 +11,7 @@ CornerForgeError                     everything the user can mend; the command l
 ├── EngineError (RuntimeError)        a cluster is not there, broke down, or has other versions
 ├── MissingExtraError (ImportError)  an optional dependency is not installed
 ├── ReplayError (RuntimeError)       a stored case did not happen again
+├── UndrawableError (RuntimeError)   the traffic at the start of a test cannot be drawn from the model
 └── AvFaultError (RuntimeError)      an AV from outside raised, hung, ended, or gave no usable answer
 ```
 """
@@ -31,13 +32,25 @@ __all__ = [
     "MissingExtraError",
     "OutputError",
     "ReplayError",
+    "UndrawableError",
     "UnknownCaseError",
     "UnknownNameError",
 ]
 
 
+_LONGEST = 2_000
+"""Most characters of a message: names in it come from users and files, and can be of any length."""
+
+
 class CornerForgeError(Exception):
-    """Base of everything that a user can cause and mend."""
+    """Base of everything that a user can cause and mend; its text is one line that can be printed anywhere."""
+
+    def __str__(self) -> str:
+        text = super().__str__()
+        half = (_LONGEST - 5) // 2
+        if len(text) > _LONGEST:
+            text = f"{text[:half]} ... {text[-half:]}"
+        return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
 
 
 class InputError(CornerForgeError, ValueError):
@@ -55,7 +68,7 @@ class UnknownNameError(InputError):
 
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
         names = sorted(known)
-        near = difflib.get_close_matches(name, names, n=1, cutoff=0.4)
+        near = difflib.get_close_matches(str(name)[:200], names, n=1, cutoff=0.4)
         hint = f'Did you mean "{near[0]}"?' if near else f"Known: {', '.join(names)}."
         super().__init__(f'No {kind} "{name}". {hint}')
 
@@ -110,6 +123,10 @@ class MissingExtraError(CornerForgeError, ImportError):
 
 class ReplayError(CornerForgeError, RuntimeError):
     """A stored case, driven again from its seed, did not happen as stored."""
+
+
+class UndrawableError(CornerForgeError, RuntimeError):
+    """The traffic at the start of a test cannot be drawn from the naturalistic model: no result may rest on it."""
 
 
 class AvFaultError(CornerForgeError, RuntimeError):

@@ -27,6 +27,7 @@ __all__ = [
 
 # Ranges, wide enough for recordings: they tell damage, not what is rare.
 _ANY = float("inf")
+_ENDLESS = 2**31 - 1
 _METRES = (-1e5, 1e5)
 _SPEEDS = (-100.0, 200.0)
 _ANGLES = (-4.0 * np.pi, 4.0 * np.pi)
@@ -77,8 +78,8 @@ class Field:
         if self.within is None:
             return ""
         low, high = self.within
-        if high == _ANY or low == -_ANY:
-            return f"at least {low:g}" if high == _ANY else f"at most {high:g}"
+        if high >= _ENDLESS or low == -_ANY:
+            return f"at least {low:g}" if high >= _ENDLESS else f"at most {high:g}"
         return f"{low:g} to {high:g}"
 
     @property

@@ -33,7 +33,6 @@ _ABOUT = (
     f"{MARKER}(files, ..., av): run the test once for each case file that a pattern such as cases/*.json finds, "
     "relative to the test's folder; the argument `case` drives it"
 )
-_ASKED = ("av_timeout", "av_batch", "av_processes", "av_python")
 _DRIVERS: dict[tuple[Any, ...], CaseDriver] = {}
 """One for each AV and how it is asked: its process is started once."""
 _MOST_DRIVERS = 4
@@ -173,8 +172,10 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         return
     import pytest
 
+    from cornerforge.world_options import AV_ASKED
+
     where = f"@pytest.mark.{MARKER} of {metafunc.definition.nodeid}"
-    known = ("av", *_ASKED)
+    known = ("av", *AV_ASKED)
     unknown = [name for name in marker.kwargs if name not in known]
     if unknown:
         pytest.fail(f"{where}: {unknown[0]} is not known; known: {', '.join(known)}.", pytrace=False)

@@ -15,11 +15,14 @@ if TYPE_CHECKING:
     from cornerforge.ndd.model import NddModel
 
 __all__ = [
+    "AV_ASKED",
+    "AV_PROCESS",
     "PLAIN_ADVERSARIES",
     "REWARD_NAMES",
     "AdversaryEnvKeywords",
     "AvAloneKeywords",
     "AvKeywords",
+    "AvProcessKeywords",
     "DrivingEnvKeywords",
     "RoadKeywords",
     "WorldKeywords",
@@ -51,6 +54,9 @@ class WorldOptions:
         av_batch: Worlds that an AV from outside is asked about together, 1 to 65,536; None: as its speed advises.
         av_processes: Processes of an AV from outside that drive at the same time, 1 to 1024; None: as many as threads.
         av_python: Python interpreter in which such an AV runs; None: the one of cornerforge.
+        av_memory: Memory that each process of such an AV may take with all that it starts [GB], 0.25 to 1e6; None: half
+            of the machine's.
+        av_sandbox: Let such an AV run without network, and write nothing but a scratch of its own (Linux).
     """
 
     av: str = field(
@@ -98,10 +104,24 @@ class WorldOptions:
         default=None,
         metadata={"help": "Python in which such an AV runs, such as env/bin/python; it needs NumPy only."},
     )
+    av_memory: float | None = field(
+        default=None,
+        metadata={"unit": "GB", "help": "GB that a process of such an AV may take; half of the machine's by default."},
+    )
+    av_sandbox: bool = field(
+        default=False,
+        metadata={"help": "Run such an AV without network and with a read-only file system (Linux)."},
+    )
 
     def without_mask(self) -> WorldOptions:
         """Copy the options without `bounded` and `budget`: for a policy, which brings its own."""
         return replace(self, bounded=False, budget=None)
+
+    def with_av(self, av: str, *, is_foreign: bool) -> WorldOptions:
+        """Copy the options with another AV; Python, memory and sandbox are for one from outside only."""
+        if is_foreign:
+            return replace(self, av=av)
+        return replace(self, av=av, av_python=None, av_memory=None, av_sandbox=False)
 
 
 class RoadKeywords(TypedDict, total=False):
@@ -112,13 +132,20 @@ class RoadKeywords(TypedDict, total=False):
     model: Path | str | NddModel | None
 
 
-class AvAskedKeywords(TypedDict, total=False):
-    """Keywords of verbs that are told their AVs otherwise: how those from outside are asked."""
+class AvProcessKeywords(TypedDict, total=False):
+    """Keywords of verbs that are told their AVs and worlds otherwise: in what an AV from outside runs, and its time."""
 
     av_timeout: float
+    av_python: str | None
+    av_memory: float | None
+    av_sandbox: bool
+
+
+class AvAskedKeywords(AvProcessKeywords, total=False):
+    """Keywords of verbs that are told their AVs otherwise: how those from outside are asked."""
+
     av_batch: int | None
     av_processes: int | None
-    av_python: str | None
 
 
 class AvAloneKeywords(AvAskedKeywords, total=False):
@@ -144,9 +171,13 @@ class DrivingEnvKeywords(RoadKeywords, total=False):
     bounded: bool
 
 
-class AdversaryEnvKeywords(DrivingEnvKeywords, total=False):
+class AdversaryEnvKeywords(DrivingEnvKeywords, AvProcessKeywords, total=False):
     """Keywords of `cornerforge/Adversary-v0`, whose adversary is the agent."""
 
     av: str
-    av_timeout: float
-    av_python: str | None
+
+
+AV_PROCESS = tuple(AvProcessKeywords.__annotations__)
+"""Names of the options of `AvProcessKeywords`."""
+AV_ASKED = tuple(AvAskedKeywords.__annotations__)
+"""Names of the options of `AvAskedKeywords`."""

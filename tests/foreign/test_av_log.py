@@ -77,19 +77,23 @@ class Junk(Quiet):
         return super().act(view)
 class Huge(Quiet):
     def act(self, view):
-        os.write(ours(), struct.pack("<cQ", b".", 1 << 42))
+        os.write(ours(), struct.pack("<cQQ", b".", 3, 1 << 42))
         return super().act(view)
 class Short(Quiet):
     def act(self, view):
-        os.write(ours(), struct.pack("<cQ", b".", 4) + b"abcd")
+        os.write(ours(), struct.pack("<cQQ", b".", 3, 4) + b"abcd")
         return super().act(view)
 class Wrong(Quiet):
     def act(self, view):
-        os.write(ours(), struct.pack("<cQqd", b".", 16, 0, 1.0))
+        os.write(ours(), struct.pack("<cQQqd", b".", 3, 16, 0, 1.0))
         return super().act(view)
 class Says(Quiet):
     def act(self, view):
-        os.write(ours(), struct.pack("<cQ", b"!", 2) + b"{}")
+        os.write(ours(), struct.pack("<cQQ", b"!", 3, 2) + b"{}")
+        return super().act(view)
+class Before(Quiet):
+    def act(self, view):
+        os.write(ours(), struct.pack("<cQQq", b".", 2, 8 + 64, 0) + bytes(64))
         return super().act(view)
 class ClosesAll(Quiet):
     def act(self, view):
@@ -152,7 +156,8 @@ def test_it_may_close_its_streams(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("Junk", r"disturbed the socket through which it is asked \(b'xxxxxxxxx' begins no message\)"),
+        ("Junk", r"disturbed the socket through which it is asked \(b'x{17}' begins no message\)"),
+        ("Before", r"disturbed the socket .* for question 2, to question 3\)"),
         ("Huge", r"disturbed the socket .* begins no message"),
         ("Short", r"disturbed the socket .*a reply of 4 bytes"),
         ("Wrong", r"disturbed the socket"),
@@ -172,7 +177,7 @@ def test_what_disturbs_the_socket_is_a_plain_message(name: str, text: str) -> No
 
 
 def test_a_frame_is_checked_before_memory_is_taken_for_it() -> None:
-    for head in (struct.pack("<cQ", ANSWER, (1 << 30) + 1), struct.pack("<cQ", b"z", 1)):
+    for head in (struct.pack("<cQQ", ANSWER, 1, (1 << 30) + 1), struct.pack("<cQQ", b"z", 1, 1)):
         ours, theirs = socket.socketpair()
         with ours, theirs:
             theirs.sendall(head)
@@ -180,8 +185,8 @@ def test_a_frame_is_checked_before_memory_is_taken_for_it() -> None:
                 receive(ours)
     ours, theirs = socket.socketpair()
     with ours, theirs:
-        threading.Thread(target=theirs.sendall, args=(pack(ANSWER, b"x" * 1_000_000),)).start()
-        assert receive(ours) == (ANSWER, bytearray(b"x" * 1_000_000))
+        threading.Thread(target=theirs.sendall, args=(pack(ANSWER, 7, b"x" * 1_000_000),)).start()
+        assert receive(ours) == (ANSWER, 7, bytearray(b"x" * 1_000_000))
     for body in (b"", b"{", b"[1]", b"\xff", b"[" * 100_000):
         with pytest.raises(JunkError):
             unpack_json(body)
@@ -251,11 +256,14 @@ def test_the_file_keeps_the_last_of_it(tmp_path: Path) -> None:
     for k in range(500):
         log.write(f"line {k}\n".encode())
         assert (tmp_path / "av.log").stat().st_size <= 1000
-    lines = (tmp_path / "av.log").read_text(encoding="utf-8").splitlines()
+    said, *lines = (tmp_path / "av.log").read_text(encoding="utf-8").splitlines()
+    assert said == "cornerforge: earlier output is left out; this file holds 1,000 bytes or less"
     assert len(lines) > 40
     assert lines == [f"line {k}" for k in range(500 - len(lines), 500)]
     log.write(b"x" * 5000)
-    assert (tmp_path / "av.log").read_bytes() == b"x" * 500
+    assert (tmp_path / "av.log").read_bytes() == f"{said}\n".encode() + b"x" * 500
+    (tmp_path / "av.log").unlink()
+    assert log.pointer() == ""
 
 
 def test_it_goes_on_in_its_place_and_temporary_files_leave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

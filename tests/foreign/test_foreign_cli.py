@@ -184,9 +184,9 @@ def test_check_av_of_an_av_that_hangs_ends_soon(avs: Path, capsys: Capture, monk
     monkeypatch.setattr(check_av, "FIRST_TIMEOUT", 3.0)
     asked = AvProcess._ask
 
-    def noted(self: AvProcess, frame: bytes, timeout: float, *rest: int) -> bytearray:
+    def noted(self: AvProcess, kind: bytes, timeout: float, *parts: bytes, driving: int = 1) -> bytearray:
         limits.append(timeout)
-        return asked(self, frame, timeout, *rest)
+        return asked(self, kind, timeout, *parts, driving=driving)
 
     monkeypatch.setattr(AvProcess, "_ask", noted)
     status, result, _ = call(capsys, "check-av", "avs:HangsAtOnce", "--av-timeout", 1)

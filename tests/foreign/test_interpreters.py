@@ -17,7 +17,7 @@ import cornerforge
 from cornerforge.cli import main
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.foreign import interpreter
-from cornerforge.foreign.interpreter import OLDEST_PYTHON, check_interpreter
+from cornerforge.foreign.interpreter import OLDEST_PYTHON, Confines, check_interpreter
 from cornerforge.foreign.process import AvProcess
 
 PACKAGE = Path(cornerforge.__file__).parent
@@ -187,7 +187,7 @@ def test_its_process_imports_numpy_and_the_standard_library_only(tmp_path: Path)
 def test_files_need_their_libraries_there(other: Path, own: Path) -> None:
     (own / "net.onnx").write_bytes(b"no network")
     with pytest.raises((InputError, FileFormatError), match="onnxruntime"):
-        AvProcess("net.onnx", timeout=20.0, first_timeout=60.0, python=str(other))
+        AvProcess("net.onnx", timeout=20.0, first_timeout=60.0, confines=Confines(str(other)))
 
 
 def test_it_is_looked_at_once(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -141,6 +142,48 @@ def test_a_statement_that_needs_much_memory_is_stopped(filled: Path, greedy: str
         assert asker.ask("SELECT 1")[1] == [(1,)]
 
 
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        ({"seconds": 0.0}, "seconds = 0.0 s is out of range; allowed: 0.1 to 86400.0 s"),
+        ({"seconds": math.nan}, "seconds = nan s is out of range"),
+        ({"seconds": math.inf}, "seconds = inf s is out of range"),
+        ({"megabytes": 15}, "megabytes = 15 is out of range; allowed: from 16 to 1048576"),
+        ({"megabytes": 2.5}, "megabytes = 2.5 is not a whole number"),
+    ],
+)
+def test_the_limits_have_limits(filled: Path, limits: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        CaseLibrary.open(filled).query("SELECT 1", **limits)
+
+
+def test_who_asks_may_allow_more(filled: Path) -> None:
+    """Twelve million hashes do not fit into 64 MB, and do into 2 GB."""
+    library = CaseLibrary.open(filled)
+    some = "SELECT count(*) FROM (SELECT hash(range) AS h FROM range(12000000) GROUP BY h)"
+    with pytest.raises(InputError, match="more than 64 MB of memory, so it was stopped; ask for less, or allow more"):
+        library.query(some, seconds=600.0, megabytes=64)
+    assert library.query(some, seconds=600.0, megabytes=2048)[1] == [(12_000_000,)]
+
+
+def test_the_time_to_start_is_no_time_of_the_answer(filled: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process that starts slowly, as on a busy machine: longer than an answer may take."""
+    started = subprocess.Popen
+
+    def slow(command: list[str], **rest: Any) -> subprocess.Popen[bytes]:
+        late = f"sys.argv = {command[2:]!r}; time.sleep(2); runpy.run_path(sys.argv[0], run_name='__main__')"
+        return started([command[0], "-P", "-c", f"import runpy, sys, time; {late}"], **rest)
+
+    monkeypatch.setattr(subprocess, "Popen", slow)
+    with Asker(CaseLibrary.open(filled).scalars(), seconds=1.0) as asker:
+        assert asker.ask("SELECT count(*) FROM cases")[1] == [(6,)]
+
+
+def test_half_a_character_is_no_statement(filled: Path) -> None:
+    with pytest.raises(InputError, match=r"no UTF-8: character 9 is '\\udcff'"):
+        CaseLibrary.open(filled).query("SELECT '\udcff'")
+
+
 def test_closing_stops_the_question_and_those_that_wait(filled: Path) -> None:
     asker = Asker(CaseLibrary.open(filled).scalars())
     told: list[str] = []
@@ -169,7 +212,7 @@ def test_closing_stops_the_question_and_those_that_wait(filled: Path) -> None:
 ASKS_FOR_LONG = f"""
 import pyarrow as pa
 from cornerforge.library.query import Asker
-asker = Asker(pa.table({{"a": [1]}}), seconds=2.0)
+asker = Asker(pa.table({{"a": [1]}}), seconds=3600.0)  # its own deadline is far
 asker.ask("SELECT 1")
 print(asker._process.pid, flush=True)
 asker.ask({ENDLESS!r})

@@ -48,5 +48,7 @@ def test_an_impossible_number_is_refused_by_name(tmp_path: Path, name: str) -> N
 
 def test_a_model_made_in_python_is_held_to_the_same() -> None:
     model = load_model(default_model_path())
-    with pytest.raises(FileFormatError, match=r"Model number stream_sd = -1\.0 is not between 0 and 10000\."):
+    with pytest.raises(
+        FileFormatError, match=r"Model number stream_sd = -1\.0 m/s is out of range; allowed: 0\.0 to 10"
+    ):
         replace(model, initial=replace(model.initial, stream_sd=-1.0))

@@ -19,11 +19,12 @@ import cornerforge
 from cornerforge.cli import main
 from cornerforge.errors import FileFormatError
 from cornerforge.ndd import default_model_path, load_model
+from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.ivbss import ImportReport, import_arrays
 from cornerforge.ndd.ivbss_initial import fit_gaps, fit_speeds, gap_law, speed_law
 from cornerforge.ndd.ivbss_rows import checked_cumulative, checked_rows
 from cornerforge.ndd.memory import Memory
-from cornerforge.ndd.model import GAPS, RANGE_RATES, InitialState, NddModel
+from cornerforge.ndd.model import GAPS, RANGE_RATES, NddModel
 
 Floats = NDArray[np.float64]
 STATES = GAPS.size * RANGE_RATES.size

@@ -11,8 +11,8 @@ from cornerforge.cli import main
 from cornerforge.errors import DataError
 from cornerforge.ndd import fit_model
 from cornerforge.ndd.decisions import Decisions
+from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.lane_fit import FittedNumber, LaneChangeFit
-from cornerforge.ndd.model import InitialState
 from cornerforge.ndd.parts import FITTED, IN_PART, PRIOR, parts_of
 from cornerforge.ndd.traits import NoiseSpread
 

@@ -11,9 +11,9 @@ from scipy.stats import t as student
 from cornerforge._philox import uniform
 from cornerforge.ndd import traits
 from cornerforge.ndd.decisions import Decisions
+from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.laws import LogLaw
 from cornerforge.ndd.memory import memory_numbers, own_word, remembering_word
-from cornerforge.ndd.model import InitialState
 from cornerforge.ndd.prior import MEMORY
 from cornerforge.ndd.traits import APART, FEWEST_DRIVERS, SHORTEST, fit_noise_spread
 

@@ -32,8 +32,9 @@ from scipy import stats
 from cornerforge.drivers.avs import AvModel
 from cornerforge.drivers.idm import IdmParams
 from cornerforge.drivers.mobil import MobilParams
+from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.memory import Memory
-from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, InitialState, NddModel
+from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
 from cornerforge.rates.trees import grow
 from cornerforge.rates.weighted import weighted_rate
 from cornerforge.sim import NATURAL, Script, ScriptDriver, drive_chunk

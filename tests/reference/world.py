@@ -8,7 +8,9 @@ from functools import cache
 from statistics import NormalDist
 
 from cornerforge.drivers.sight import Sight
-from cornerforge.ndd.model import InitialState, NddModel
+from cornerforge.errors import UndrawableError
+from cornerforge.ndd.initial import InitialState
+from cornerforge.ndd.model import NddModel
 from cornerforge.types import Odd
 from reference.drivers import AvDriver, fold
 from reference.elementary import atan, exp, log
@@ -341,20 +343,20 @@ class _Traffic:
 
     def speed(self) -> float:
         """A normal speed, drawn again until it is legal."""
-        while True:
+        for _ in range(10_000):
             words = self.words()
             speed = self.mean + self.law.speed_sd * normal_pair(words[0], words[1])[0]
             if self.law.speed_low <= speed <= self.law.speed_high:
                 return speed
+        raise UndrawableError("speed")
 
     def neighbour(self, speed: float, *, ahead: bool, is_truck: bool) -> tuple[float, float, float | None]:
         """Gap and speed of the next vehicle, and the quantile of the follower's time gap, None where none follows.
 
         A truck's time gaps are longer (`is_truck`: the one behind is one).
-        After 200 refused draws it drives at the same speed at the widest gap.
         """
         law = self.law
-        for _ in range(200):
+        for _ in range(10_000):
             words = self.words()
             z_gap, z_speed = normal_pair(words[0], words[1])
             follows = unit(words[2]) < law.follow_share
@@ -373,7 +375,7 @@ class _Traffic:
                 continue
             if gap >= law.min_ttc * closing:
                 return gap, other, _normal_share(z_gap) if follows and self.habits else None
-        return law.free_gap_high, speed, None
+        raise UndrawableError("neighbour")
 
     def body(self) -> Body:
         """What the next vehicle is; the first, the AV, is a car."""

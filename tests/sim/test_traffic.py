@@ -11,7 +11,8 @@ from statistical_bounds import distance_to_law, dkw_bound, l1_bound, l1_distance
 
 from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.idm import desired_gap
-from cornerforge.ndd.model import InitialState, NddModel
+from cornerforge.ndd.initial import InitialState
+from cornerforge.ndd.model import NddModel
 from cornerforge.pipeline.facts import FACTS
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.traffic import reset_world

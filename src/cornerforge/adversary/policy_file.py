@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_number
+from cornerforge._checks import check_is_json, check_number
 from cornerforge._checksums import read_tensors, weights_of, write_tensors
 from cornerforge._objects import object_fault
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
@@ -102,6 +102,7 @@ def save_policy(policy: Policy, path: Path) -> None:
     """Write a policy whole, or not at all.
 
     Raises:
+        InputError: `about` is not JSON.
         OutputError: It cannot be written; nothing is left of it then.
     """
     header = {
@@ -110,7 +111,7 @@ def save_policy(policy: Policy, path: Path) -> None:
         "network": asdict(policy.shape),
         "bounded": policy.bounded,
         "budget": policy.budget,
-        "about": dict(policy.about),
+        "about": check_is_json("about", policy.about),
     }
     write_tensors(path, _KEY, header, {"weights": policy.weights}, "the policy")
 

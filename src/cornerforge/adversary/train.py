@@ -44,6 +44,7 @@ from cornerforge.sim import (
     arrays_of,
     collect,
     keep_nothing,
+    naming_tests,
     reward_numbers,
     start_worlds,
     warn_of_left_out,
@@ -138,7 +139,8 @@ class _Actor:
         self._actors = allocate_actors(config.worlds, setting, slots, N_OBSERVATION)
         self._foreign = None if av is None else ForeignCollector(av, setting, slots, self._actors, threads)
         self.finished = self._actors.finished.view(np.int64)
-        start_worlds(seed, TRAINING_TESTS, setting, self._scratch, self._actors)
+        with naming_tests(self._actors.worlds):
+            start_worlds(seed, TRAINING_TESTS, setting, self._scratch, self._actors)
 
     def warm_up(self) -> None:
         """Load the kernels that `act` calls, or compile them (once per installation); moves nobody."""
@@ -166,7 +168,8 @@ class _Actor:
 
     def _collect(self, n: int, exploring: Exploring, out: Transitions) -> None:
         """One decision of the first n worlds."""
-        collect(n, exploring, self._setting, self._reward, self._actors, self._scratch, self._keep, out)
+        with naming_tests(self._actors.worlds):
+            collect(n, exploring, self._setting, self._reward, self._actors, self._scratch, self._keep, out)
         warn_of_left_out(self._scratch)
 
     def _own(self) -> dict[str, NDArray[Any]]:

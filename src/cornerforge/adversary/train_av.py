@@ -36,6 +36,7 @@ from cornerforge.sim import (
     arrays_of,
     collect_av,
     keep_nothing,
+    naming_tests,
     start_av_worlds,
     warn_of_left_out,
 )
@@ -128,7 +129,8 @@ class _Actor:
         self._actors = allocate_av_actors(config.worlds, slots, N_AV_FEATURES, config.adversaries)
         self._out = allocate_transitions(AV_DECISIONS * config.worlds, N_AV_FEATURES)
         self.finished = self._actors.finished.view(np.int64)
-        start_av_worlds(seed, TRAINING_TESTS, setting, self._scratch, self._actors)
+        with naming_tests(self._actors.worlds):
+            start_av_worlds(seed, TRAINING_TESTS, setting, self._scratch, self._actors)
 
     def warm_up(self) -> None:
         """Load the kernels that `act` calls, or compile them (once per installation); moves nobody."""
@@ -143,7 +145,8 @@ class _Actor:
         """One second of the first n worlds into `_out`; returns the number of transitions."""
         av = self._setting.av
         setting = self._setting._replace(av=av._replace(network=av.network._replace(weights=weights)))
-        rows = collect_av(n, epsilon, setting, self._reward, self._actors, self._scratch, self._keep, self._out)
+        with naming_tests(self._actors.worlds):
+            rows = collect_av(n, epsilon, setting, self._reward, self._actors, self._scratch, self._keep, self._out)
         warn_of_left_out(self._scratch)
         return rows
 

@@ -39,7 +39,7 @@ from cornerforge.cli.output import (
     wrong_text,
 )
 from cornerforge.cli.program import command, suite
-from cornerforge.world_options import PLAIN_ADVERSARIES
+from cornerforge.world_options import AV_ASKED, AV_PROCESS, PLAIN_ADVERSARIES
 
 if TYPE_CHECKING:
     from cornerforge.results import Analysed, Queried, Replayed, Verified
@@ -54,7 +54,7 @@ __all__ = [
     "cornerforge generate --policy out/demo/policy.safetensors --out out/cases",
     "cornerforge generate --policy swerve --av rl --cases 100 --out out/rl-cases",
 )
-@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout", "av_batch", "av_processes", "av_python")
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", *AV_ASKED)
 def generate(
     policy: Annotated[
         list[str],
@@ -148,7 +148,7 @@ def analyse(
 
 
 @command("cornerforge shrink out/demo/library 0:0 --out out/small")
-@takes_world("av_timeout", "av_python")
+@takes_world(*AV_PROCESS)
 def shrink(
     library: Library,
     cases: Annotated[list[str], typer.Argument(metavar="CASE...", help='Case ids, or "all".', show_default=False)],
@@ -177,7 +177,7 @@ def shrink(
     "cornerforge replay out/demo/library all --check",
     "cornerforge replay out/demo/library 0:0 --video out/crash.mp4",
 )
-@takes_world("av_timeout", "av_python")
+@takes_world(*AV_PROCESS)
 def replay(
     library: Library,
     case: Annotated[str, typer.Argument(help='Case id such as 0:12, or "all".', show_default=False)],
@@ -225,7 +225,7 @@ def replay(
     "cornerforge retest out/demo/library --av rss-cautious",
     "cornerforge retest out/cases --av my_av:New --baseline my_av:Old",
 )
-@takes_world("av", "av_timeout", "av_batch", "av_processes", "av_python")
+@takes_world("av", *AV_ASKED)
 def retest(
     library: Annotated[
         Path,
@@ -279,7 +279,7 @@ def retest(
 
 
 @command("cornerforge suite build out/demo/library --size 20 --out out/suite", name="build", of=suite)
-@takes_world("av_timeout", "av_batch", "av_processes", "av_python")
+@takes_world(*AV_ASKED)
 def suite_build(
     libraries: Annotated[
         list[Path], typer.Argument(metavar="LIB...", help="Case libraries of one model and ODD.", show_default=False)
@@ -313,7 +313,7 @@ def suite_build(
 
 
 @command("cornerforge r157 --av idm-mobil --out out/r157", "cornerforge r157 --av my_av:MyAv --family cut-in")
-@takes_world("av", "odd", "lanes", "av_timeout", "av_batch", "av_processes", "av_python")
+@takes_world("av", "odd", "lanes", *AV_ASKED)
 def r157(
     world: World = None,
     family: Annotated[
@@ -356,6 +356,8 @@ def query(
     sql: Annotated[
         str, typer.Argument(metavar="SQL", help="Such as: select crash_time_s from cases", show_default=False)
     ],
+    seconds: Annotated[float, typer.Option(help="Longest time that the answer may take.")] = 10.0,
+    megabytes: Annotated[int, typer.Option(help="Most memory that the answer may take.")] = 512,
     seed: IdleSeed = 0,
     threads: IdleThreads = None,
     out: JsonFile = None,
@@ -368,7 +370,10 @@ def query(
     def text(r: Queried) -> str:
         return "\n".join("\t".join(map(str, row)) for row in [r.columns, *r.rows])
 
-    run_command(lambda bars: cornerforge.query(library, sql), text, as_json=as_json, quiet=quiet, out=out)  # noqa: ARG005
+    run_command(
+        lambda bars: cornerforge.query(library, sql, seconds=seconds, megabytes=megabytes),  # noqa: ARG005
+        text, as_json=as_json, quiet=quiet, out=out,
+    )  # fmt: skip
 
 
 @command("cornerforge verify out/demo", "cornerforge verify model.npz policy.safetensors")
@@ -420,7 +425,7 @@ def migrate(
 @command(
     "cornerforge variety out/demo/library", "cornerforge variety --policy out/demo/policy.safetensors --tests 1024"
 )
-@takes_world("av", "odd", "lanes", "model", "budget", "av_timeout", "av_batch", "av_processes", "av_python")
+@takes_world("av", "odd", "lanes", "model", "budget", *AV_ASKED)
 def variety(
     libraries: Annotated[
         list[Path] | None, typer.Argument(metavar="LIB...", help="Case libraries.", show_default=False)
@@ -453,7 +458,7 @@ def variety(
 
 
 @command("cornerforge plausibility --budget 20 --budget 60 --out out/plausible")
-@takes_world("av", "odd", "lanes", "model", "av_timeout", "av_batch", "av_processes", "av_python")
+@takes_world("av", "odd", "lanes", "model", *AV_ASKED)
 def plausibility(
     out: Annotated[Path, typer.Option(help="Folder for policies, curve and figure.", show_default=False)],
     budget: Annotated[

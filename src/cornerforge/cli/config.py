@@ -35,6 +35,8 @@ _NUMBER_OR_WORD = {"avoidability", "budget"}
 """Options of text in which a number is usual."""
 _MAY_NAME_FILES, _ENDINGS = {"bv", "policy"}, (".onnx", ".safetensors", ".zip")
 """Options of text that name a file where the text has such an ending."""
+_LONGEST = 1_000_000
+"""Most characters of a file; one such as /dev/zero has no end."""
 _WORDS = {
     int: "a whole number",
     float: "a number",
@@ -153,13 +155,17 @@ def read_config(context: typer.Context, file: Path | None) -> Path | None:
 
 def _text_of(file: Path) -> str:
     try:
-        return file.read_text(encoding="utf-8-sig")
+        with file.open(encoding="utf-8-sig") as opened:
+            text = opened.read(_LONGEST + 1)
     except FileNotFoundError as error:
         raise InputError(f"No config file {file}; cornerforge init DIR writes one.") from error
     except OSError as error:
         raise InputError(f"The config file {file} cannot be read: {error.strerror or error}.") from error
     except UnicodeDecodeError as error:
         raise FileFormatError(f"The config file {file} is no UTF-8 text.") from error
+    if len(text) > _LONGEST:
+        raise FileFormatError(f"The config file {file} is longer than {_LONGEST:,} characters; name another file.")
+    return text
 
 
 def _options_of_file(file: Path, text: str, context: typer.Context) -> dict[str, Any]:

@@ -29,7 +29,7 @@ from cornerforge.cli.options import (
 )
 from cornerforge.cli.output import EXIT_GATE, fault_text, rate_text, run_command, speed_text
 from cornerforge.cli.program import command
-from cornerforge.world_options import PLAIN_ADVERSARIES
+from cornerforge.world_options import AV_ASKED, PLAIN_ADVERSARIES
 
 if TYPE_CHECKING:
     from cornerforge.results import AvChecked, Simulated
@@ -41,7 +41,7 @@ __all__ = ["avs", "check_av", "rate", "simulate"]
     "cornerforge simulate --av rl --tests 100000",
     "cornerforge simulate --bv out/demo/policy.safetensors --out out/crashes",
 )
-@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout", "av_batch", "av_processes", "av_python")
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", *AV_ASKED)
 def simulate(
     tests: Annotated[int, typer.Option(help="Tests to drive (400 m each).")] = 10_000,
     world: World = None,
@@ -101,7 +101,7 @@ def simulate(
 
 
 @command("cornerforge rate --av idm-mobil-blind --max-tests 20000", "cornerforge rate --av rl --out out/rate")
-@takes_world("av", "odd", "lanes", "model", "av_timeout", "av_batch", "av_processes", "av_python")
+@takes_world("av", "odd", "lanes", "model", *AV_ASKED)
 def rate(
     method: Annotated[
         str,
@@ -177,7 +177,7 @@ def avs(
 
 
 @command("cornerforge check-av my_av:MyAv", name="check-av")
-@takes_world("odd", "lanes", "av_timeout", "av_batch", "av_processes", "av_python")
+@takes_world("odd", "lanes", *AV_ASKED)
 def check_av(
     av: Annotated[
         str,
@@ -222,7 +222,9 @@ def check_av(
                 f"{speed_text(r.does.decisions_per_hour)} training decisions/h; {r.does.advice}"
             )
         lines += [f"what it printed, and its tracebacks: {r.log}"] if r.log else []
-        return "\n".join([f"{r.av} ({r.kind}, {r.hash})", *lines])
+        may = "it has no network and writes nothing" if r.sandbox else "it may do what you may (--av-sandbox)"
+        walls = f"sandbox {'on' if r.sandbox else 'off'}: {may}; memory: {r.memory_gb:.3g} GB a process"
+        return "\n".join([f"{r.av} ({r.kind}, {r.hash})", walls, *lines])
 
     result = run_command(
         lambda bars: cornerforge.check_av(

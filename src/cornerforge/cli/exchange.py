@@ -23,6 +23,7 @@ from cornerforge.cli.options import (
 )
 from cornerforge.cli.output import run_command
 from cornerforge.cli.program import cases, command
+from cornerforge.world_options import AV_ASKED
 
 __all__ = ["cases_from_data", "export", "import_cases"]
 
@@ -90,7 +91,7 @@ _IN_SEAT = Annotated[
     "cornerforge import USA_US101-*.xml --av my_av.py:MyAv --out out/us101",
     name="import",
 )
-@takes_world("av_timeout", "av_batch", "av_processes", "av_python")
+@takes_world(*AV_ASKED)
 def import_cases(
     file: Annotated[
         list[Path],
@@ -126,7 +127,7 @@ def import_cases(
 
 
 @command("cornerforge cases from-data trajectories.csv --out out/moments", name="from-data", of=cases)
-@takes_world("av_timeout", "av_batch", "av_processes", "av_python")
+@takes_world(*AV_ASKED)
 def cases_from_data(
     file: Annotated[
         list[Path],

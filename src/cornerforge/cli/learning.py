@@ -24,6 +24,7 @@ from cornerforge.cli.options import (
 )
 from cornerforge.cli.output import rate_text, run_command, training_fault_text, yield_text
 from cornerforge.cli.program import command
+from cornerforge.world_options import AV_ASKED
 
 if TYPE_CHECKING:
     from cornerforge.results import Trained, TrainedAv
@@ -35,7 +36,7 @@ __all__ = ["train", "train_av"]
     "cornerforge train --av rl --decisions 1000000 --out out/rl.safetensors",
     "cornerforge train --budget 20 --out out/likely.safetensors",
 )
-@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout", "av_batch", "av_processes", "av_python")
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", *AV_ASKED)
 def train(
     out: Annotated[Path, typer.Option(help="Policy file to write, .safetensors.", show_default=False)],
     world: World = None,

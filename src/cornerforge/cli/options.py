@@ -130,6 +130,7 @@ World: TypeAlias = Any
 _KINDS: dict[str, Any] = {
     "av": str, "odd": str, "lanes": int | None, "model": Path | None, "bounded": bool, "budget": float | None,
     "av_timeout": float, "av_batch": int | None, "av_processes": int | None, "av_python": str | None,
+    "av_memory": float | None, "av_sandbox": bool,
 }  # fmt: skip
 _COMPLETED = {"av": complete_av, "odd": complete_odd}
 

@@ -32,6 +32,7 @@ from cornerforge.cli.options import (
 )
 from cornerforge.cli.output import paid_text, rate_text, run_command, training_fault_text, wrong_text
 from cornerforge.cli.program import command
+from cornerforge.world_options import AV_ASKED
 
 if TYPE_CHECKING:
     from cornerforge.results import Figured, RunDone, Served
@@ -63,7 +64,7 @@ def init(
 
 
 @command("cornerforge run --effort quick --out out/demo", "cornerforge run --config cornerforge.toml --seed 1")
-@takes_world("av", "odd", "lanes", "model", "bounded", "av_timeout", "av_batch", "av_processes", "av_python")
+@takes_world("av", "odd", "lanes", "model", "bounded", *AV_ASKED)
 def run(
     effort: Annotated[
         str | None,

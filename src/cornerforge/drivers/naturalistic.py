@@ -59,7 +59,7 @@ Floats = NDArray[np.float64]
 
 
 class InitialNumbers(NamedTuple):
-    """`ndd.model.InitialState` as kernels take it: the same names, units and order."""
+    """`ndd.initial.InitialState` as kernels take it: the same names, units and order."""
 
     speed_mean: float
     stream_sd: float
@@ -180,7 +180,7 @@ def _tilt(free: NDArray[np.float32], pull: float, out: NDArray[np.float32]) -> N
 def tables_of(model: NddModel) -> NddTables:
     """Prepare a model for the kernels (about 20 ms, 12 MB)."""
     free = np.empty((SPEED_GRID.bins, LACK_GRID.bins, N_ACCELERATIONS), dtype=np.float32)
-    _tilt(model.free, model.free_pull, free)
+    _tilt(model.free, float(model.free_pull), free)
     p = np.concatenate([model.following.reshape(-1, N_ACCELERATIONS), free.reshape(-1, N_ACCELERATIONS)])
     initial = InitialNumbers(**{name: float(getattr(model.initial, name)) for name in InitialNumbers._fields})
     odds, often = np.empty(LEVELS), np.empty(LEVELS)

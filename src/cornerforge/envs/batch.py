@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_integer
+from cornerforge._checks import check_integer, shown
+from cornerforge.envs.misuse import ClosedError, ResetNeededError
 from cornerforge.envs.spaces import av_commands
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.foreign.collector import Group
@@ -36,11 +38,12 @@ from cornerforge.sim import (
     allocate_history,
     allocate_scratch,
     keep_nothing,
+    naming_tests,
     warn_of_left_out,
 )
 from cornerforge.types import FRAME_S
 
-__all__ = ["FIRST_TEST", "OUTCOMES", "AvBatch", "Batch", "BvBatch", "check_seed", "read_options"]
+__all__ = ["FIRST_TEST", "OUTCOMES", "AvBatch", "Batch", "BvBatch", "check_seed", "numbers_of", "read_options"]
 
 FIRST_TEST = 1 << 40
 """Number of the first test after `reset(seed=...)`: where training takes its tests too, far from those that `simulate`,
@@ -60,7 +63,7 @@ _WORLDS_PER_THREAD = 64
 """Least number of worlds for each thread."""
 
 
-def check_seed(seed: int) -> int:
+def check_seed(seed: Any) -> int:
     """Return a seed that may name tests.
 
     Raises:
@@ -73,12 +76,29 @@ def read_options(options: Mapping[str, Any] | None, known: Sequence[str]) -> dic
     """A copy of the options of `reset`.
 
     Raises:
+        InputError: They are no dictionary.
         UnknownNameError: One is not known.
     """
-    for name in options or {}:
+    if options is None:
+        return {}
+    if not isinstance(options, Mapping):
+        raise InputError(f"options = {shown(options)} is not allowed; give None or a dictionary.")
+    for name in options:
         if name not in known:
             raise UnknownNameError("option of reset", name, known)
-    return dict(options or {})
+    return dict(options)
+
+
+def numbers_of(actions: object) -> NDArray[Any]:
+    """Make an array of what was given as actions; of what is no array, such as a ragged list, one of objects.
+
+    >>> numbers_of([1, 2]).dtype.kind, numbers_of([[1], [1, 2]]).dtype.kind
+    ('i', 'O')
+    """
+    try:
+        return np.asarray(actions)
+    except ValueError:
+        return np.array(None, dtype=object)
 
 
 class Batch(ABC):
@@ -120,6 +140,7 @@ class Batch(ABC):
         self._scratch = [allocate_scratch(run.slots, run.setting.who.policy) for _ in self._parts]
         self._keep = keep_nothing(run.slots)
         self._pool = ThreadPoolExecutor(count) if count > 1 else None
+        self._is_closed = self._is_busy = False
 
     def _share(self, work: Callable[[int, int, Scratch, int], None]) -> None:
         """Let the threads work on their ranges of worlds: `work(begin, end, scratch, number)`."""
@@ -135,9 +156,53 @@ class Batch(ABC):
             warn_of_left_out(scratch)
 
     def close(self) -> None:
-        """End the threads."""
+        """End the threads; a second call does nothing."""
+        self._is_closed = True
         if self._pool is not None:
             self._pool.shutdown()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy takes over.
+
+        Raises:
+            InputError: Threads or processes work on the worlds, and they cannot be copied.
+        """
+        if self._pool is not None or self.run.foreign is not None:
+            raise InputError(
+                "An environment with several threads, or with an AV from outside, cannot be copied; make another one."
+            )
+        return vars(self)
+
+    def check_open(self) -> None:
+        """Check that the worlds can still be used.
+
+        Raises:
+            ClosedError: `close` was called.
+        """
+        if self._is_closed:
+            raise ClosedError("The environment is closed; make another one.")
+
+    def check_begun(self) -> None:
+        """Check that there is something to see in each world.
+
+        Raises:
+            ClosedError: `close` was called.
+            ResetNeededError: A world has not had a test yet.
+        """
+        self.check_open()
+        if not self.is_seeded.all():
+            raise ResetNeededError("No test has begun; call reset() first.")
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Keep a second thread out: kernels run beside Python, and two of them would mix up the worlds."""
+        if self._is_busy:
+            raise InputError("Another thread is using this environment now; give each thread one of its own.")
+        self._is_busy = True
+        try:
+            yield
+        finally:
+            self._is_busy = False
 
     def name(self, b: int, seed: int | None, test: int | None, draw: Callable[[], int]) -> None:
         """Set the test that world b begins next: of another seed, of another number, or the next of its own.
@@ -159,16 +224,20 @@ class Batch(ABC):
 
         Raises:
             InputError: A test and many after it have no BV to control.
+            UndrawableError: The traffic of a test cannot be drawn.
         """
-        self._start(chosen)
+        with self._alone(), naming_tests(self.worlds):
+            self.is_over[chosen] = True
+            self._start(chosen)
         self.outcome[chosen] = RUNNING
         self.is_over[chosen] = False
         self.reward[chosen] = 0.0
 
     def step(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None:
         """One decision of the chosen worlds, none of which may be over; `actions` are checked, of shape (B, ...)."""
-        self._advance(actions, chosen)
-        self._note_ends(chosen)
+        with self._alone():
+            self._advance(actions, chosen)
+            self._note_ends(chosen)
 
     def _note_ends(self, chosen: NDArray[np.bool_]) -> None:
         self.is_over[chosen] = self.outcome[chosen] != RUNNING
@@ -265,12 +334,6 @@ class BvBatch(Batch):
 
         self._share(work)
         self._histories[0].answered[chosen] = 0
-        if (self.tests[chosen] < 0).any():
-            self.is_over[chosen] = True
-            raise InputError(
-                f"There is no background vehicle to control in {agents.MAX_TRIES} tests on end; use a model with more "
-                "traffic."
-            )
 
     def _advance(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None:
         self._agents.chosen[:] = chosen

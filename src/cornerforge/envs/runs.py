@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 from cornerforge.envs.batch import AvBatch, BvBatch
 from cornerforge.errors import InputError
@@ -13,28 +11,9 @@ from cornerforge.pipeline.verdicts import verdict_of
 from cornerforge.sim import reward_numbers
 from cornerforge.world_options import WorldOptions
 
-__all__ = ["adversary_batch", "driving_batch", "options_of"]
+__all__ = ["adversary_batch", "driving_batch"]
 
 _ACT_EVERY = (1, 2, 5, 10)
-
-
-def options_of(env: object, known: type, given: Mapping[str, Any]) -> WorldOptions:
-    """Take the keywords of an environment that are options of the world.
-
-    Gymnasium hands keywords on unseen by a type checker, and an option that changes nothing would be taken in silence.
-
-    Args:
-        env: The environment.
-        known: Its keywords, a `TypedDict`.
-        given: Those given.
-
-    Raises:
-        TypeError: One is not known; in Python's words.
-    """
-    for name in given:
-        if name not in known.__annotations__:
-            raise TypeError(f"{type(env).__init__.__qualname__}() got an unexpected keyword argument {name!r}")
-    return WorldOptions(**given)
 
 
 def adversary_batch(n: int, threads: int | None, world: WorldOptions, *, reward: str, delay: float = 1.0) -> BvBatch:

@@ -8,15 +8,16 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_in
-from cornerforge.envs.batch import OUTCOMES, Batch
+from cornerforge._arguments import checked
+from cornerforge._checks import check_in, shown
+from cornerforge.envs.batch import OUTCOMES, Batch, numbers_of
 from cornerforge.envs.batch import check_seed as _check_seed
 from cornerforge.envs.batch import read_options as _read_options
+from cornerforge.envs.misuse import InvalidActionError, ResetNeededError, warn_of_no_picture
 from cornerforge.envs.raster import top_view
-from cornerforge.envs.runs import adversary_batch, driving_batch, options_of
+from cornerforge.envs.runs import adversary_batch, driving_batch
 from cornerforge.envs.spaces import adversary_observations, driving_actions, driving_observations, one_of_33
-from cornerforge.errors import InputError
-from cornerforge.world_options import AdversaryEnvKeywords, DrivingEnvKeywords
+from cornerforge.world_options import AdversaryEnvKeywords, DrivingEnvKeywords, WorldOptions
 
 __all__ = ["AdversaryEnv", "DrivingEnv"]
 
@@ -63,14 +64,16 @@ class _SingleEnv(gymnasium.Env[Any, Any]):
             Observation, and info with `seed` and `test`, which together name the test.
 
         Raises:
+            ClosedError: The environment is closed.
             InputError: Seed or test is out of range, or there is no BV to control.
             UnknownNameError: An option is not known.
         """
+        batch = self._batch
+        batch.check_open()
         wanted = _read_options(options, ("test",))
         if seed is not None:
-            _check_seed(seed)
+            seed = _check_seed(seed)
         super().reset(seed=seed)
-        batch = self._batch
         batch.name(0, seed, wanted.get("test"), lambda: int(self.np_random.integers(2**31)))
         batch.begin(_ONE)
         return batch.observation[0].copy(), self._info(stepped=False)
@@ -79,30 +82,44 @@ class _SingleEnv(gymnasium.Env[Any, Any]):
         """One decision; observation, reward, terminated, truncated and info (docs/gymnasium.md).
 
         Raises:
-            InputError: No test runs, or the action is not one of the action space.
+            ClosedError: The environment is closed.
+            ResetNeededError: No test runs: none has begun, or it has ended.
+            InvalidActionError: The action is not one of the action space.
         """
         batch = self._batch
+        batch.check_begun()
         if batch.is_over[0]:
-            raise InputError("No test runs; call reset() first.")
+            raise ResetNeededError("The test has ended; call reset() first.")
         batch.step(self._checked(action)[None], _ONE)
         over, cut = bool(batch.is_over[0]), bool(batch.truncated[0])
         observation = batch.observation[0].copy()
         return observation, float(batch.reward[0]), over and not cut, over and cut, self._info(stepped=True)
 
     def _checked(self, action: Any) -> NDArray[Any]:
-        given = np.asarray(action)
         space = self.action_space
+        given = numbers_of(action)
         if isinstance(space, gymnasium.spaces.Discrete):
-            if given.shape != () or given.dtype.kind not in "iu" or not 0 <= given < space.n:
-                raise InputError(f"action = {action!r} is not allowed; a whole number from 0 to {space.n - 1}.")
-        elif given.shape != space.shape or given.dtype.kind not in "iuf" or not np.isfinite(given).all():
-            raise InputError(f"action = {action!r} is not allowed; {space.shape} finite numbers from -1 to 1.")
+            right = given.shape == () and given.dtype.kind in "iu" and bool(0 <= given < space.n)
+            allowed = f"a whole number from 0 to {space.n - 1}"
+        else:
+            right = given.shape == space.shape and given.dtype.kind in "iuf" and bool(np.isfinite(given).all())
+            allowed = f"{space.shape} finite numbers from -1 to 1"
+        if not right:
+            raise InvalidActionError(f"action = {shown(action)} is not allowed; give {allowed}.")
         return given
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Draw the road around the AV from above, uint8 (height, width, 3); None without render_mode "rgb_array"."""
+        """Draw the road around the AV from above, uint8 (height, width, 3); None without render_mode "rgb_array".
+
+        Raises:
+            ClosedError: The environment is closed.
+            ResetNeededError: No test has begun.
+        """
+        self._batch.check_open()
         if self.render_mode is None:
+            warn_of_no_picture()
             return None
+        self._batch.check_begun()
         return top_view(self._batch.worlds, 0, self._batch.run.setting.road)
 
     def close(self) -> None:
@@ -127,6 +144,7 @@ class AdversaryEnv(_SingleEnv):
         TypeError: There is no such option.
     """
 
+    @checked
     def __init__(
         self,
         *,
@@ -135,14 +153,19 @@ class AdversaryEnv(_SingleEnv):
         render_mode: str | None = None,
         **world: Unpack[AdversaryEnvKeywords],
     ) -> None:
-        options = options_of(self, AdversaryEnvKeywords, world)
-        self._batch = self._worlds = adversary_batch(1, 1, options, reward=reward, delay=delay)
+        self._batch = self._worlds = adversary_batch(1, 1, WorldOptions(**world), reward=reward, delay=delay)
         self.observation_space = adversary_observations(self._batch.run.odd)
         self.action_space = one_of_33()
         self._finish(render_mode, 1)
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Give the actions that are allowed now, bool (33,); learners with masks look for this name."""
+        """Give the actions that are allowed now, bool (33,); learners with masks look for this name.
+
+        Raises:
+            ClosedError: The environment is closed.
+            ResetNeededError: No test has begun.
+        """
+        self._batch.check_begun()
         return np.asarray(self._worlds.allowed[0].copy())
 
 
@@ -165,6 +188,7 @@ class DrivingEnv(_SingleEnv):
         TypeError: There is no such option.
     """
 
+    @checked
     def __init__(
         self,
         *,
@@ -174,8 +198,7 @@ class DrivingEnv(_SingleEnv):
         render_mode: str | None = None,
         **world: Unpack[DrivingEnvKeywords],
     ) -> None:
-        options = options_of(self, DrivingEnvKeywords, world)
         self.action_space = driving_actions(actions)
-        self._batch = driving_batch(1, 1, options, bv=bv, box=actions == "box", act_every=act_every)
+        self._batch = driving_batch(1, 1, WorldOptions(**world), bv=bv, box=actions == "box", act_every=act_every)
         self.observation_space = driving_observations(self._batch.run.odd)
         self._finish(render_mode, round(10 / self._batch.run.odd.av_substeps))

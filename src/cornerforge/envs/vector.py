@@ -11,13 +11,15 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_in, check_integer
-from cornerforge.envs.batch import OUTCOMES, Batch, check_seed, read_options
+from cornerforge._arguments import checked, is_several
+from cornerforge._checks import check_in, check_integer, shown
+from cornerforge.envs.batch import OUTCOMES, Batch, check_seed, numbers_of, read_options
+from cornerforge.envs.misuse import InvalidActionError, ResetNeededError, warn_of_no_picture
 from cornerforge.envs.raster import top_view
-from cornerforge.envs.runs import adversary_batch, driving_batch, options_of
+from cornerforge.envs.runs import adversary_batch, driving_batch
 from cornerforge.envs.spaces import adversary_observations, driving_actions, driving_observations, one_of_33
 from cornerforge.errors import InputError
-from cornerforge.world_options import AdversaryEnvKeywords, DrivingEnvKeywords
+from cornerforge.world_options import AdversaryEnvKeywords, DrivingEnvKeywords, WorldOptions
 
 __all__ = ["AdversaryVectorEnv", "DrivingVectorEnv"]
 
@@ -77,18 +79,21 @@ class _BatchVectorEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]
                 worlds that begin anew, the others go on.
 
         Raises:
+            ClosedError: The environment is closed.
             InputError: A seed, test or mask is not right, or there is no BV to control.
             UnknownNameError: An option is not known.
         """
         n = self.num_envs
+        self._batch.check_open()
         wanted = read_options(options, ("test", "reset_mask"))
-        chosen = np.asarray(wanted.get("reset_mask", np.ones(n, dtype=np.bool_)))
+        chosen = numbers_of(wanted.get("reset_mask", np.ones(n, dtype=np.bool_)))
         if chosen.shape != (n,) or chosen.dtype != np.bool_ or not chosen.any():
-            raise InputError(f"reset_mask must be bool of shape ({n},) with at least one True; it is {chosen!r}.")
+            given = shown(wanted["reset_mask"])
+            raise InputError(f"reset_mask must be bool of shape ({n},) with at least one True; it is {given}.")
         seeds = self._seeds(seed)
         super().reset(seed=seeds[0])
         tests = wanted.get("test")
-        each = [tests] * n if tests is None or np.ndim(tests) == 0 else list(tests)
+        each: list[Any] = list(tests) if is_several(tests) else [tests] * n
         if len(each) != n:
             raise InputError(f"test has {len(each)} entries; one for all worlds, or {n}.")
         batch = self._batch
@@ -107,12 +112,15 @@ class _BatchVectorEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]
     def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         if seed is None:
             return [None] * self.num_envs
-        if isinstance(seed, (int, np.integer)):
-            check_seed(int(seed) + self.num_envs - 1)
-            return [check_seed(seed) + b for b in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise InputError(f"seed has {len(seed)} entries for {self.num_envs} worlds; give one each, or one number.")
-        return [None if s is None else check_seed(s) for s in seed]
+        if is_several(seed):
+            if len(seed) != self.num_envs:
+                raise InputError(
+                    f"seed has {len(seed)} entries for {self.num_envs} worlds; give one each, or one number."
+                )
+            return [None if s is None else check_seed(s) for s in seed]
+        first = check_seed(seed)
+        check_seed(first + self.num_envs - 1)
+        return [first + b for b in range(self.num_envs)]
 
     def step(
         self, actions: NDArray[Any]
@@ -120,13 +128,16 @@ class _BatchVectorEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]
         """One decision of every world (docs/gymnasium.md); worlds whose test ended begin anew as the mode says.
 
         Raises:
-            InputError: The actions are not of the action space, or (without autoreset) a test has ended.
+            ClosedError: The environment is closed.
+            ResetNeededError: A world has had no test, or (without autoreset) its test has ended.
+            InvalidActionError: The actions are not of the action space.
         """
         batch = self._batch
+        batch.check_begun()
         given = self._checked(actions)
         ended_before = batch.is_over.copy()
         if (ended_before.any() and self._mode != AutoresetMode.NEXT_STEP) or (batch.outcome == 0)[ended_before].any():
-            raise InputError(
+            raise ResetNeededError(
                 f"{int(ended_before.sum())} of {self.num_envs} worlds have no running test; call reset() first."
             )
         stepped = ~ended_before
@@ -160,10 +171,13 @@ class _BatchVectorEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]
         }
 
     def _checked(self, actions: Any) -> NDArray[Any]:
-        given = np.asarray(actions)
+        given = numbers_of(actions)
         space = self.single_action_space
         if given.shape != (self.num_envs, *(space.shape or ())):
-            raise InputError(f"actions have shape {given.shape}; allowed: {(self.num_envs, *(space.shape or ()))}.")
+            raise InvalidActionError(
+                f"actions = {shown(actions)} have shape {given.shape}; allowed: "
+                f"{(self.num_envs, *(space.shape or ()))}."
+            )
         if isinstance(space, gymnasium.spaces.Discrete):
             right = given.dtype.kind in "iu" and bool(((given >= 0) & (given < space.n)).all())
             allowed = f"whole numbers from 0 to {space.n - 1}"
@@ -171,13 +185,21 @@ class _BatchVectorEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]
             right = given.dtype.kind in "iuf" and bool(np.isfinite(given).all())
             allowed = "finite numbers from -1 to 1"
         if not right:
-            raise InputError(f"actions of type {given.dtype}, such as {given.reshape(-1)[0]}; allowed: {allowed}.")
+            raise InvalidActionError(f"actions = {shown(actions)} of type {given.dtype}; allowed: {allowed}.")
         return given
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Draw one picture for each world, see `raster.top_view`; None without render_mode "rgb_array"."""
+        """Draw one picture for each world, see `raster.top_view`; None without render_mode "rgb_array".
+
+        Raises:
+            ClosedError: The environment is closed.
+            ResetNeededError: A world has had no test.
+        """
+        self._batch.check_open()
         if self.render_mode is None:
+            warn_of_no_picture()
             return None
+        self._batch.check_begun()
         return tuple(top_view(self._batch.worlds, b, self._batch.run.setting.road) for b in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
@@ -200,6 +222,7 @@ class AdversaryVectorEnv(_BatchVectorEnv):
         TypeError: There is no such option.
     """
 
+    @checked
     def __init__(
         self,
         num_envs: int = 1,
@@ -211,15 +234,17 @@ class AdversaryVectorEnv(_BatchVectorEnv):
         render_mode: str | None = None,
         **world: Unpack[AdversaryEnvKeywords],
     ) -> None:
-        options = options_of(self, AdversaryEnvKeywords, world)
         check_integer("num_envs", num_envs, low=1, high=10**6)
-        self._batch = self._worlds = adversary_batch(num_envs, threads, options, reward=reward, delay=delay)
+        self._batch = self._worlds = adversary_batch(
+            num_envs, threads, WorldOptions(**world), reward=reward, delay=delay
+        )
         self.single_observation_space = adversary_observations(self._batch.run.odd)
         self.single_action_space = one_of_33()
         self._finish(num_envs, autoreset_mode, render_mode, 1)
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Give the actions that are allowed now, bool (num_envs, 33)."""
+        """Give the actions that are allowed now, bool (num_envs, 33); errors as for `AdversaryEnv`."""
+        self._batch.check_begun()
         return self._worlds.allowed.copy()
 
 
@@ -235,6 +260,7 @@ class DrivingVectorEnv(_BatchVectorEnv):
         TypeError: There is no such option.
     """
 
+    @checked
     def __init__(
         self,
         num_envs: int = 1,
@@ -247,9 +273,10 @@ class DrivingVectorEnv(_BatchVectorEnv):
         render_mode: str | None = None,
         **world: Unpack[DrivingEnvKeywords],
     ) -> None:
-        options = options_of(self, DrivingEnvKeywords, world)
         check_integer("num_envs", num_envs, low=1, high=10**6)
         self.single_action_space = driving_actions(actions)
-        self._batch = driving_batch(num_envs, threads, options, bv=bv, box=actions == "box", act_every=act_every)
+        self._batch = driving_batch(
+            num_envs, threads, WorldOptions(**world), bv=bv, box=actions == "box", act_every=act_every
+        )
         self.single_observation_space = driving_observations(self._batch.run.odd)
         self._finish(num_envs, autoreset_mode, render_mode, round(10 / self._batch.run.odd.av_substeps))

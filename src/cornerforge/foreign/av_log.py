@@ -42,6 +42,7 @@ class AvLog:
 
     def __init__(self, most: int = MOST_BYTES) -> None:
         self._most = most
+        self._left_out = f"cornerforge: earlier output is left out; this file holds {most:,} bytes or less\n".encode()
         self._lock = threading.Lock()
         self._place: Path | None = None
         self._path: Path | None = None
@@ -80,7 +81,8 @@ class AvLog:
             size = path.stat().st_size if path.exists() else 0
             if size + len(printed) > self._most:
                 kept = ((path.read_bytes() if size else b"") + printed)[-(self._most // 2) :]
-                path.write_bytes(kept[kept.find(b"\n") + 1 :])  # whole lines; all of it if it is one line
+                whole = kept[kept.find(b"\n") + 1 :]  # whole lines; all of it if it is one line
+                path.write_bytes(self._left_out + whole)
             else:
                 with path.open("ab") as file:
                     file.write(printed)
@@ -112,10 +114,12 @@ class AvLog:
             return self._traces.get(how, "")
 
     def named(self) -> Path | None:
-        """Give the file, to be named to the user; None if nothing was printed and nothing failed."""
+        """Give the file, to be named to the user; None if there is nothing in it."""
         with self._lock:
+            if self._path is None or not self._path.exists():  # the AV may have removed it
+                return None
             self._state["unnamed"] = None
-            if self._path is not None and self._path not in _latest[-1:]:
+            if self._path not in _latest[-1:]:
                 _latest[:] = [self._path]
             return self._path
 

@@ -20,6 +20,7 @@ from cornerforge.errors import AvFaultError
 from cornerforge.foreign.answers import controller_of
 from cornerforge.foreign.av_log import AvLog
 from cornerforge.foreign.edge_cases import ordinary_views
+from cornerforge.foreign.interpreter import USUAL, Confines, note_use
 from cornerforge.foreign.pace import MOST_WORLDS, Pace, announce, choose_batch
 from cornerforge.foreign.process import DEFAULT_TIMEOUT, FIRST_TIMEOUT, AvFailureError, AvProcess
 from cornerforge.foreign.session import AvSession, Steps, context_of
@@ -35,6 +36,7 @@ from cornerforge.sim import (
     answer_width,
     keep_nothing,
     lockstep,
+    naming_tests,
     statistics,
     warn_of_left_out,
     world_of,
@@ -109,7 +111,7 @@ class ForeignAv:
         batch: Worlds side by side, 1 to 65,536; None: as many as it answers well together (`choose_batch`).
         first_timeout: Time for the first answer of a process [s], 60 unless said.
         processes: AV processes that drive at the same time, 1 to 1024; None: as many as there are threads.
-        python: Interpreter in which it runs; None: the simulator's own.
+        confines: In what its processes run.
 
     Attributes:
         spec, processes: As given.
@@ -135,7 +137,7 @@ class ForeignAv:
         batch: int | None = None,
         first_timeout: float = FIRST_TIMEOUT,
         processes: int | None = None,
-        python: str | None = None,
+        confines: Confines = USUAL,
     ) -> None:
         check_number("av_timeout", timeout, low=0.01, high=3600.0, unit="s")
         if batch is not None:
@@ -152,9 +154,10 @@ class ForeignAv:
         self._keeps_scripts = False
         self._scripts: OrderedDict[tuple[int, int], NDArray[np.float64]] = OrderedDict()
         self.log = AvLog()
-        self._python = python
+        self._confines = confines
+        note_use(self, spec, confines)
         self._about: dict[str, str] | None = None
-        self._closer = f"cornerforge check-av {shlex.quote(spec)}" + (f" --av-python {python}" if python else "")
+        self._closer = f"cornerforge check-av {shlex.quote(spec)}{confines.options()}"
         first = AvSession(spec, self._context, self._road, self.pace, self._started)
         about = self._about = first.process().about
         self.kind, self.hash, self.controller = about["kind"], about["hash"], controller_of(about["form"])
@@ -205,7 +208,7 @@ class ForeignAv:
             AvFaultError: It is another AV than before.
         """
         process = AvProcess(
-            spec, timeout=timeout, first_timeout=first_timeout, pace=pace, python=self._python, log=self.log
+            spec, timeout=timeout, first_timeout=first_timeout, pace=pace, confines=self._confines, log=self.log
         )
         if self._about is not None and process.about != self._about:
             process.close()
@@ -387,7 +390,8 @@ class ForeignAv:
         while True:
             fresh = lockstep.idle(batch)[: tests.size - begun]
             if fresh.size:
-                lockstep.begin(seed, fresh, tests[begun : begun + fresh.size], setting, batch)
+                with naming_tests(batch.worlds):
+                    lockstep.begin(seed, fresh, tests[begun : begun + fresh.size], setting, batch)
                 answered[fresh] = 0
                 begun += fresh.size
             driving = lockstep.running(batch)

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import glob
+import json
 import os
+import re
+import secrets
 import signal
 import socket
 import struct
@@ -19,9 +23,22 @@ from numpy.typing import NDArray
 
 from cornerforge.errors import AvFaultError, CornerForgeError, FileFormatError, InputError
 from cornerforge.foreign.av_log import AvLog
-from cornerforge.foreign.interpreter import environment, worker_command
+from cornerforge.foreign.interface import ANSWERS
+from cornerforge.foreign.interpreter import MARK, USUAL, Confines, environment, worker_command
 from cornerforge.foreign.pace import Pace
-from cornerforge.foreign.protocol import ACT, FAILED, LOAD, SETUP, JunkError, pack, pack_json, receive, unpack_json
+from cornerforge.foreign.protocol import (
+    ACT,
+    ANSWER,
+    FAILED,
+    LOAD,
+    SETUP,
+    JunkError,
+    one_line,
+    pack,
+    printable,
+    receive,
+    unpack_json,
+)
 from cornerforge.foreign.scene import COLUMNS
 
 if TYPE_CHECKING:
@@ -35,7 +52,14 @@ DEFAULT_TIMEOUT = 5.0
 """Longest time that an AV may take for one answer [s]."""
 FIRST_TIMEOUT = 60.0
 """Longest time for loading an AV, for setting it up, and for its first answer [s], each."""
+_END_SECONDS = 15.0
+"""Time for an AV's keeper to end all that is left [s]; it gives up before."""
 _POSE = 5
+_ABOUT = {
+    "kind": "class|policy|program|onnx|zip", "hash": "[0-9a-f]{16}", "form": "view|" + "|".join(ANSWERS),
+    "objects": r"|-1|\d{1,9}", "remembers": "yes|no",
+}  # fmt: skip
+"""What a process says of its AV when it is loaded, and what is allowed."""
 _SAID = struct.Struct("=q")
 _VERBS = {"answer": "gave no usable answer: ", "raised": "raised ", "ended": ""}
 
@@ -65,17 +89,42 @@ def _keep_printed(printed: int, log: AvLog) -> None:
 
 
 def _end(
-    process: subprocess.Popen[bytes], connection: socket.socket, lifeline: int, printing: threading.Thread
+    process: subprocess.Popen[bytes],
+    connection: socket.socket,
+    line: socket.socket,
+    printing: threading.Thread,
+    mark: str,
 ) -> None:
     """End a process and all processes that it started, and wait until its last words are kept."""
     connection.close()
-    os.close(lifeline)
-    with suppress(ProcessLookupError, PermissionError):
-        os.killpg(process.pid, signal.SIGKILL)
+    line.close()
+    if process.poll() is None:
+        process.send_signal(signal.SIGCONT)  # the AV may have stopped its keeper
     with suppress(subprocess.TimeoutExpired):
-        process.wait(timeout=5.0)
+        process.wait(timeout=_END_SECONDS)
+    if process.returncode != 0:  # its keeper was ended or stopped, or could not end all
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(timeout=_END_SECONDS)
+        _end_marked(mark)
     if printing is not threading.current_thread():  # where memory is tidied, it may be
         printing.join(1.0)
+
+
+def _end_marked(mark: str) -> None:
+    """End all processes in whose environment a mark is, where the system tells (Linux)."""
+    known = f"{MARK}={mark}".encode()
+    for _ in range(100):
+        found = False
+        for place in glob.glob("/proc/[0-9]*/environ"):
+            with suppress(OSError), open(place, "rb") as file:
+                if known in file.read().split(b"\0"):
+                    found = True
+                    os.kill(int(place.split("/")[2]), signal.SIGKILL)
+        if not found:
+            return
+        time.sleep(0.01)
 
 
 class AvProcess:
@@ -86,7 +135,7 @@ class AvProcess:
         timeout: Longest time for the answer in one world [s].
         first_timeout: Longest time for loading, for setting up, and for the first answer [s], each.
         pace: What is known of the AV's speed, with these limits; None: nothing.
-        python: Interpreter in which it runs; None: the simulator's own.
+        confines: In what it runs.
         log: Where what it prints is kept; None: in a log of this process.
 
     Attributes:
@@ -105,7 +154,7 @@ class AvProcess:
         timeout: float,
         first_timeout: float,
         pace: Pace | None = None,
-        python: str | None = None,
+        confines: Confines = USUAL,
         log: AvLog | None = None,
     ) -> None:
         self._spec = spec
@@ -114,34 +163,38 @@ class AvProcess:
         self._batch = 0
         self._is_first = True
         self.log = AvLog() if log is None else log
-        worker_command(python)  # before anything is opened: the interpreter may be none
+        confines.check()  # before anything is opened
+        self._confines = confines
+        mark = secrets.token_hex(8)
         ours, theirs = socket.socketpair()
-        their_end, lifeline = os.pipe()
+        line, keepers = socket.socketpair()
         printed, print_to = os.pipe()
         try:
-            with theirs:
+            with theirs, keepers:
                 self._process = subprocess.Popen(
-                    worker_command(python, theirs.fileno(), their_end),
+                    worker_command(confines, spec, theirs.fileno(), keepers.fileno()),
                     stdin=subprocess.DEVNULL,
                     stdout=print_to,
                     stderr=print_to,
-                    pass_fds=[theirs.fileno(), their_end],
+                    pass_fds=[theirs.fileno(), keepers.fileno()],
                     start_new_session=True,
-                    env=environment(python),
+                    env=environment(confines, mark),
                 )
         except BaseException:
             os.close(printed)
-            os.close(lifeline)
+            ours.close()
+            line.close()
             raise
         finally:
             os.close(print_to)
-            os.close(their_end)
         self._printing = threading.Thread(target=_keep_printed, args=(printed, self.log), daemon=True)
         self._printing.start()
         self._connection = ours
-        self._finalizer = weakref.finalize(self, _end, self._process, ours, lifeline, self._printing)
+        self._line = line
+        self._question = 0
+        self._finalizer = weakref.finalize(self, _end, self._process, ours, line, self._printing, mark)
         try:
-            self.about: dict[str, str] = unpack_json(self._ask(pack_json(LOAD, {"av": spec}), self._first_timeout))
+            self.about = self._load()
         except AvFailureError as failure:
             self.close()
             raise AvFaultError(f"The AV {spec} {failure} while it was loaded{self.log.pointer()}") from failure
@@ -154,6 +207,20 @@ class AvProcess:
                 error.add_note(f"The AV's own traceback:\n{trace}")
             raise
 
+    def _load(self) -> dict[str, str]:
+        """Let the process load its AV, and give what it says of it.
+
+        Raises:
+            AvFailureError, CornerForgeError: There is none.
+            JunkError: What it says cannot be.
+        """
+        said = unpack_json(self._ask(LOAD, self._first_timeout, json.dumps({"av": self._spec}).encode()))
+        about = {key: said.get(key) for key in _ABOUT}
+        wrong = [key for key, allowed in _ABOUT.items() if not re.fullmatch(allowed, str(about[key]))]
+        if wrong or not all(isinstance(value, str) for value in about.values()) or len(said) != len(about):
+            raise JunkError(f"it says of the AV {one_line(str(said))}")
+        return {key: str(value) for key, value in about.items()}
+
     def setup(self, context: AvContext) -> None:
         """Tell the AV its world.
 
@@ -163,7 +230,7 @@ class AvProcess:
         self._batch = context.batch
         self._is_first = True
         try:
-            self._ask(pack_json(SETUP, asdict(context)), self._first_timeout)
+            self._ask(SETUP, self._first_timeout, json.dumps(asdict(context)).encode())
         except AvFailureError as failure:
             self.close()
             raise AvFaultError(f"The AV {self._spec} {failure} in setup{self.log.pointer()}") from failure
@@ -173,7 +240,7 @@ class AvProcess:
         if not self._finalizer.alive:
             return False
         try:
-            if unpack_json(self._ask(pack_json(LOAD, {"av": self._spec}), self._first_timeout)) != self.about:
+            if self._load() != self.about:
                 self.close()  # its files have changed
                 return False
             self.setup(context)
@@ -194,23 +261,23 @@ class AvProcess:
             AvFailureError: There is no usable answer.
         """
         head = np.array([worlds.size], dtype=np.int64)
-        frame = pack(ACT, head.tobytes(), worlds.tobytes(), seeds.tobytes(), np.ascontiguousarray(view).tobytes())
+        parts = head.tobytes(), worlds.tobytes(), seeds.tobytes(), np.ascontiguousarray(view).tobytes()
         driving = int(np.count_nonzero(view[:, 0, 0 if self.about["form"] == "view" else _LENGTH]))
         begun = time.perf_counter()
-        body = self._ask(frame, self._pace.limit(driving, first=self._is_first), driving)
+        body = self._ask(ACT, self._pace.limit(driving, first=self._is_first), *parts, driving=driving)
         if not self._is_first:  # the first answer may take longer: libraries are loaded, code is compiled
             self._pace.note(driving, time.perf_counter() - begun)
         self._is_first = False
         try:
             return self._read(body)
-        except (JunkError, ValueError, TypeError, KeyError) as error:
+        except (JunkError, ValueError, TypeError, KeyError, AttributeError) as error:
             raise self._junk(error) from error
 
     def _read(self, body: bytearray) -> tuple[NDArray[np.float64], dict[int, tuple[str, str]]]:
         """Read the reply to a question.
 
         Raises:
-            JunkError, ValueError, TypeError, KeyError: It is of the wrong form.
+            JunkError, ValueError, TypeError, KeyError, AttributeError: It is of the wrong form.
         """
         if len(body) < _SAID.size:
             raise JunkError(f"a reply of {len(body)} bytes")
@@ -219,38 +286,45 @@ class AvProcess:
         if not _SAID.size <= begin <= len(body):
             raise JunkError(f"a reply of {len(body)} bytes that begins with {said}")
         told = unpack_json(body[_SAID.size : begin]) if said else {"failed": {}, "traces": {}}
-        failed = {int(b): (str(what), str(how)) for b, (what, how) in told["failed"].items()}
+        failed = {int(b): (str(what), one_line(str(how))) for b, (what, how) in told["failed"].items()}
+        traces = {one_line(str(how)): printable(str(trace)) for how, trace in told["traces"].items()}
         if not all(0 <= b < self._batch for b in failed):
             raise JunkError(f"failures in worlds {sorted(failed)} of {self._batch}")
         for how in dict.fromkeys(how for _, how in failed.values()):
-            self.log.note(how, str(told["traces"].get(how, "")))
+            self.log.note(how, traces.get(how, ""))
         shape = (self._batch, -1, _POSE) if self.about["form"] == "trajectory" else (self._batch, 2)
         return np.frombuffer(bytes(body[begin:]), dtype=np.float64).reshape(shape), failed
 
     def _junk(self, error: Exception) -> AvFailureError:
         """Give up a process that does not keep to the protocol: what it says next means nothing."""
         self.close()
-        return AvFailureError("ended", f"disturbed the socket through which it is asked ({error})")
+        return AvFailureError("ended", f"disturbed the socket through which it is asked ({one_line(str(error))})")
 
     def close(self) -> None:
         """End the process."""
         self._finalizer()
 
-    def _ask(self, frame: bytes, timeout: float, driving: int = 1) -> bytearray:
+    def _ask(self, kind: bytes, timeout: float, *parts: bytes, driving: int = 1) -> bytearray:
+        self._question += 1
+        until = time.monotonic() + timeout
         self._connection.settimeout(timeout)
         try:
-            self._connection.sendall(frame)
-            kind, body = receive(self._connection)
+            self._connection.sendall(pack(kind, self._question, *parts))
+            kind, number, body = receive(self._connection, until)
+            if kind not in (ANSWER, FAILED) or number != self._question:
+                raise JunkError(f"a message of kind {kind!r} for question {number}, to question {self._question}")
         except TimeoutError as error:
+            if self._process.poll() is not None:  # what it has left behind has the socket still
+                how = self._how_it_ended()
+                self.close()
+                raise AvFailureError("ended", how) from error
             self.close()
             together = f" for {driving} worlds" if driving > 1 else ""
             raise AvFailureError("hung", f"gave no answer within {timeout:.3g} s{together}") from error
         except (EOFError, BrokenPipeError, ConnectionResetError) as error:
-            with suppress(subprocess.TimeoutExpired):
-                self._process.wait(timeout=2.0)
-            status = self._process.returncode
+            how = self._how_it_ended()
             self.close()
-            raise AvFailureError("ended", f"ended its process ({_status(status)})") from error
+            raise AvFailureError("ended", how) from error
         except JunkError as error:
             raise self._junk(error) from error
         except BaseException:  # an interrupt: a late answer would be taken for the answer to the next question
@@ -260,20 +334,36 @@ class AvProcess:
             return body
         try:
             failed = unpack_json(body)
-            what, message, trace = str(failed["what"]), str(failed["message"]), str(failed.get("trace", ""))
+            what, message, trace = str(failed["what"]), one_line(str(failed["message"])), str(failed.get("trace", ""))
             how = message if what == "refused" else _VERBS[what] + message
         except (JunkError, KeyError) as error:
             raise self._junk(error) from error
+        trace = printable(trace)
         self.log.note(how, trace)
         if what == "refused":
             self.close()
-            raise (FileFormatError if failed["error"] == "FileFormatError" else InputError)(message)
+            raise (FileFormatError if failed.get("error") == "FileFormatError" else InputError)(message)
         raise AvFailureError(what, how, trace)
+
+    def _how_it_ended(self) -> str:
+        """Say how the process ended, as its keeper says."""
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout=2.0)
+        try:
+            self._line.setblocking(False)
+            said = json.loads(self._line.recv(1000))
+        except (OSError, ValueError):  # nothing was said
+            if self._process.returncode is None:
+                return "ended its process (it closed its connection)"
+            return f"ended its process (and the one that keeps it: {_status(self._process.returncode)})"
+        if said["is_full"]:
+            return f"took more than {self._confines.gigabytes:.3g} GB of memory (--av-memory)"
+        return f"ended its process ({_status(said['status'])})"
 
 
 def _status(code: int | None) -> str:
     if code is None:
-        return "it closed its connection"
+        return "it does not say how"
     if code < 0:
         with suppress(ValueError):
             return f"signal {signal.Signals(-code).name}"

@@ -1,19 +1,21 @@
 """The protocol between the simulator and the process of a foreign AV: framed messages over a socket, numbers as bytes.
 
-Nothing is pickled in either direction. A frame is one byte of kind, eight bytes of length, and the body.
+Nothing is pickled in either direction. A frame is one byte of kind, eight bytes each of a number and a length, and the
+body. An answer has the number of its question.
 """
 
 from __future__ import annotations
 
 import json
 import struct
+import time
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import socket
 
-__all__ = ["ACT", "ANSWER", "FAILED", "LOAD", "MOST_BYTES", "SETUP", "JunkError", "pack", "pack_json", "receive",
-           "unpack_json"]  # fmt: skip
+__all__ = ["ACT", "ANSWER", "FAILED", "LOAD", "MOST_BYTES", "SETUP", "JunkError", "one_line", "pack", "pack_json",
+           "printable", "receive", "unpack_json"]  # fmt: skip
 
 LOAD, SETUP, ACT = b"L", b"S", b"A"
 """Messages to the AV's process: load the AV; tell it its world; new tests and views."""
@@ -22,21 +24,38 @@ ANSWER, FAILED = b".", b"!"
 MOST_BYTES = 1 << 30
 """Longest body of a frame."""
 _KINDS = (LOAD, SETUP, ACT, ANSWER, FAILED)
-_HEAD = struct.Struct("<cQ")
+_LONGEST_LINE = 1000
+_MOST_AT_ONCE = 1 << 20
+_HEAD = struct.Struct("<cQQ")
 
 
 class JunkError(Exception):
     """What came through the socket is no message of this protocol."""
 
 
-def pack(kind: bytes, *parts: bytes) -> bytes:
+def printable(text: str) -> str:
+    """Write what an AV says so that no terminal obeys it: characters that are none for people become escapes."""
+    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)
+
+
+def one_line(text: str) -> str:
+    r"""Write what an AV says in one line, of 1000 characters or less.
+
+    >>> one_line("to the\nplanner\x1b[2J")
+    'to the planner\\x1b[2J'
+    """
+    line = printable(" ".join(text[:10_000].split()))
+    return line if len(line) <= _LONGEST_LINE else line[: _LONGEST_LINE - 3] + "..."
+
+
+def pack(kind: bytes, number: int, *parts: bytes) -> bytes:
     """Make one frame."""
-    return b"".join([_HEAD.pack(kind, sum(len(part) for part in parts)), *parts])
+    return b"".join([_HEAD.pack(kind, number, sum(len(part) for part in parts)), *parts])
 
 
-def pack_json(kind: bytes, content: dict[str, Any]) -> bytes:
+def pack_json(kind: bytes, number: int, content: dict[str, Any]) -> bytes:
     """Make one frame with a JSON object."""
-    return pack(kind, json.dumps(content).encode())
+    return pack(kind, number, json.dumps(content).encode())
 
 
 def unpack_json(body: bytes | bytearray) -> dict[str, Any]:
@@ -54,28 +73,32 @@ def unpack_json(body: bytes | bytearray) -> dict[str, Any]:
     return content
 
 
-def _exactly(connection: socket.socket, size: int) -> bytearray:
-    data = bytearray(size)
-    view = memoryview(data)
-    got = 0
-    while got < size:
-        n = connection.recv_into(view[got:])
-        if n == 0:
+def _exactly(connection: socket.socket, size: int, until: float | None) -> bytearray:
+    data = bytearray()
+    while len(data) < size:
+        if until is not None:
+            connection.settimeout(max(1e-3, until - time.monotonic()))
+        part = connection.recv(min(size - len(data), _MOST_AT_ONCE))
+        if not part:
             raise EOFError
-        got += n
+        data += part
     return data
 
 
-def receive(connection: socket.socket) -> tuple[bytes, bytearray]:
-    """Read one frame.
+def receive(connection: socket.socket, until: float | None = None) -> tuple[bytes, int, bytearray]:
+    """Read one frame: kind, number, body.
+
+    Args:
+        connection: The socket.
+        until: When it must have come, by `time.monotonic` [s]; None: never.
 
     Raises:
         EOFError: The other side has closed the connection.
         JunkError: It is no frame, or one that is too long.
-        TimeoutError: The frame did not come within the socket's timeout.
+        TimeoutError: The frame did not come in time.
     """
-    head = bytes(_exactly(connection, _HEAD.size))
-    kind, size = _HEAD.unpack(head)
+    head = bytes(_exactly(connection, _HEAD.size, until))
+    kind, number, size = _HEAD.unpack(head)
     if kind not in _KINDS or size > MOST_BYTES:
         raise JunkError(f"{head!r} begins no message")
-    return kind, _exactly(connection, size)
+    return kind, number, _exactly(connection, size, until)

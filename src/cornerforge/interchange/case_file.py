@@ -19,6 +19,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._arguments import checked
 from cornerforge._files import reason, writing
 from cornerforge._locks import claim_file, claims
 from cornerforge._strict_json import parse
@@ -159,6 +160,7 @@ def case_schema() -> Mapping[str, Any]:
     return cast("Mapping[str, Any]", json.loads(text))
 
 
+@checked
 @claims()
 def write_case_file(case: CaseFile, path: Path | str, *, overwrite: bool = False) -> Path:
     """Write a case file, whole or not at all.
@@ -197,6 +199,7 @@ def case_text(case: CaseFile) -> str:
     return _dump(content, "") + "\n"
 
 
+@checked
 def read_case_file(path: Path | str) -> CaseFile:
     """Read a case file.
 

@@ -26,6 +26,7 @@ from cornerforge.sim import (
     is_full,
     keep_nothing,
     keep_whole_test,
+    naming_tests,
     statistics,
     warn_of_left_out,
     world_of,
@@ -122,9 +123,10 @@ class Harvester:
         out, done = allocate_outcomes(count), 0
         counts = statistics.allocate_counts() if counting else self._no_counts
         at = self._buffers(counts, counting)
-        while done < count:
-            rest = Outcomes._make(column[done:] for column in out)
-            done += harvest_range(seed, first + done, self._setting, at, rest, self._cases.room())
+        with naming_tests(self._world):
+            while done < count:
+                rest = Outcomes._make(column[done:] for column in out)
+                done += harvest_range(seed, first + done, self._setting, at, rest, self._cases.room())
         warn_of_left_out(self._scratch)
         return harvested_of(first, out, counts, self._cases)
 

@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from cornerforge._checks import shown
 from cornerforge._checksums import check_json, with_checksum
 from cornerforge._files import read_bytes, reason, writing
 from cornerforge._objects import object_fault
@@ -260,6 +261,8 @@ def check_identity(run: Identity) -> dict[str, str | int | float | bool | None]:
     Raises:
         InputError: It is not.
     """
+    if not isinstance(run, Mapping):
+        raise InputError(f"A library's identity is a dictionary, not {shown(run)}.")
     if isinstance(run.get("seed"), bool) or not isinstance(run.get("seed"), int):
         raise InputError(f'A library\'s identity needs a whole number "seed"; it is {run.get("seed")!r}.')
     for key, value in run.items():

@@ -14,6 +14,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from cornerforge._checks import check_integer, check_number
 from cornerforge.errors import InputError, MissingExtraError
 from cornerforge.library.sql_worker import read_message, write_message
 
@@ -22,7 +23,7 @@ __all__ = ["MEGABYTES", "SECONDS", "Asker", "run_sql"]
 SECONDS = 10.0
 """Longest time that an answer may take [s]."""
 MEGABYTES = 512
-"""Most memory that DuckDB may use for it; the process gets half as much again for what DuckDB does not count."""
+"""Most memory that DuckDB may use for it."""
 _GRACE_S = 1.0
 """So much later the process ends by itself [s], should nobody be there who stops it."""
 _STOPPED = "The query was stopped, because what answers it is ending."
@@ -40,17 +41,21 @@ class Asker:
 
     Args:
         cases: The table.
-        seconds: Longest time for an answer [s].
-        megabytes: Most memory.
+        seconds: Longest time for an answer [s], 0.1 to 86,400.
+        megabytes: Most memory that DuckDB may use for it, 16 to 1,048,576; the process gets half as much again for what
+            DuckDB does not count.
 
     Raises:
+        InputError: A limit is out of range.
         MissingExtraError: DuckDB is not installed.
     """
 
     def __init__(self, cases: pa.Table, *, seconds: float = SECONDS, megabytes: int = MEGABYTES) -> None:
         if importlib.util.find_spec("duckdb") is None:
             raise MissingExtraError("duckdb", "query")
-        self._cases, self._seconds, self._megabytes = cases, seconds, megabytes
+        self._cases = cases
+        self._seconds = check_number("seconds", seconds, low=0.1, high=86_400.0, unit="s")
+        self._megabytes = check_integer("megabytes", megabytes, low=16, high=2**20)
         self._lock, self._starting, self._closed = threading.Lock(), threading.Lock(), False
         self._process: subprocess.Popen[bytes] | None = None
 
@@ -103,6 +108,10 @@ class Asker:
 
     def _ask(self, sql: str) -> tuple[list[str], list[tuple[Any, ...]]]:
         late = threading.Event()
+        try:
+            statement = sql.encode()
+        except UnicodeEncodeError as error:
+            raise InputError(f"The query is no UTF-8: character {error.start + 1} is {sql[error.start]!a}.") from None
 
         def stop(process: subprocess.Popen[bytes]) -> None:
             late.set()
@@ -116,7 +125,7 @@ class Asker:
         timer.start()
         try:
             with contextlib.suppress(BrokenPipeError):
-                write_message(process.stdin, sql.encode("utf-8", "replace"))
+                write_message(process.stdin, statement)
             content = read_message(process.stdout)
         finally:
             timer.cancel()
@@ -141,10 +150,13 @@ class Asker:
         return names, [tuple(row) for row in rows]
 
     def _slow(self) -> str:
-        return f"The query takes more than {self._seconds:g} s, so it was stopped; ask for less."
+        return f"The query takes more than {self._seconds:g} s, so it was stopped; ask for less, or allow more seconds."
 
     def _big(self) -> str:
-        return f"The query needs more than {self._megabytes} MB of memory, so it was stopped; ask for less."
+        return (
+            f"The query needs more than {self._megabytes} MB of memory, so it was stopped; ask for less, or allow more "
+            "megabytes."
+        )
 
     def _started(self) -> subprocess.Popen[bytes]:
         """Give the process, started and with its table."""
@@ -166,6 +178,10 @@ class Asker:
         assert process.stdin is not None
         with contextlib.suppress(BrokenPipeError):
             write_message(process.stdin, memoryview(sink.getvalue()))
+        # It says when it is ready, so that the time for an answer is no time for starting.
+        if process.stdout is None or read_message(process.stdout) is None:
+            self._end()
+            raise InputError(_STOPPED if self._closed else self._big())
         return process
 
 

@@ -1,10 +1,11 @@
 """The process in which SQL is answered: it can be killed, DuckDB alone cannot always be stopped.
 
 Run as a file, so that it starts at once: it imports DuckDB, Arrow and the standard library only. On its standard input
-it gets a table, then statements; it writes an answer to each. Its memory is limited twice: by DuckDB itself, and by the
-operating system, since some of DuckDB's functions do not count theirs. The operating system lets it write no byte into
-a file, though it could still make an empty one: that is left to DuckDB, which is told to open none. It has its own
-deadline, which the operating system keeps: it ends too when who asked was killed and can stop it no more.
+it gets a table, then statements; it writes that it is ready, then an answer to each. Its memory is limited twice: by
+DuckDB itself, and by the operating system, since some of DuckDB's functions do not count theirs. The operating system
+lets it write no byte into a file, though it could still make an empty one: that is left to DuckDB, which is told to
+open none. It ends when who asked was killed and can stop it no more: at once where nobody holds the other end of its
+standard input, and at its own deadline, which the operating system keeps, in any case.
 """
 
 from __future__ import annotations
@@ -12,9 +13,12 @@ from __future__ import annotations
 import contextlib
 import decimal
 import json
+import os
+import select
 import signal
 import struct
 import sys
+import threading
 from collections.abc import Iterator
 from typing import IO, Any
 
@@ -65,6 +69,15 @@ def _due(seconds: float) -> None:
         signal.setitimer(signal.ITIMER_REAL, seconds)
 
 
+def _end_with_who_asks() -> None:
+    """End the process when nobody can write to its standard input any more; DuckDB works on beside this thread."""
+    if hasattr(select, "poll"):
+        left = select.poll()
+        left.register(sys.stdin.fileno(), 0)  # 0: told of the end only, not of statements
+        left.poll()
+        os._exit(1)
+
+
 def _answers(table: Any, megabytes: int, seconds: float) -> Iterator[bytes]:
     import duckdb
 
@@ -80,6 +93,7 @@ def _answers(table: Any, megabytes: int, seconds: float) -> Iterator[bytes]:
         connection.register("cases", table)
         connection.execute("SET lock_configuration = true")
         _limit(megabytes + megabytes // 2)
+        yield b"ready"
         while (sql := read_message(sys.stdin.buffer)) is not None:
             answer: tuple[Any, ...]
             _due(seconds)
@@ -117,6 +131,7 @@ def main() -> None:
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
     table = read_message(sys.stdin.buffer)
     if table is not None:
+        threading.Thread(target=_end_with_who_asks, daemon=True).start()
         for content in _answers(pa.ipc.open_stream(table).read_all(), int(sys.argv[1]), float(sys.argv[2])):
             write_message(sys.stdout.buffer, content)
 

@@ -32,7 +32,7 @@ from cornerforge.library.manifest import (
     shard_names,
     write_manifest,
 )
-from cornerforge.library.query import run_sql
+from cornerforge.library.query import MEGABYTES, SECONDS, run_sql
 from cornerforge.library.record import CaseRecord, extra_kinds
 from cornerforge.library.schema import arrow_schema
 from cornerforge.library.shards import (
@@ -467,14 +467,16 @@ class CaseLibrary:
             found.append(np.stack([av, partner], axis=1))
         return found[0], found[1]
 
-    def query(self, sql: str) -> tuple[list[str], list[tuple[Any, ...]]]:
+    def query(
+        self, sql: str, *, seconds: float = SECONDS, megabytes: int = MEGABYTES
+    ) -> tuple[list[str], list[tuple[Any, ...]]]:
         """Answer one SELECT over the table `cases`; see `query.run_sql`.
 
         Raises:
             InputError: The statement is wrong or forbidden.
             MissingExtraError: DuckDB is not installed.
         """
-        return run_sql(self.scalars(), sql)
+        return run_sql(self.scalars(), sql, seconds=seconds, megabytes=megabytes)
 
     def scenario(self, case_id: str) -> StoredCase:
         """Read one case with its trajectories.

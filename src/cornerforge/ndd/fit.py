@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_in, check_number
 from cornerforge.errors import DataError, InputError
 from cornerforge.ndd.decisions import Decisions, concatenate
+from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.lane_change import LaneChange
 from cornerforge.ndd.lane_fit import LANE_CHANGE_CHOICES, LaneChangeFit, fit_lane_changes
 from cornerforge.ndd.laws import FollowingLaw, IdmLaw, LogLaw, bin_index, fit_law, log_likelihood
-from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, InitialState, NddModel
+from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
 from cornerforge.ndd.parts import ModelPart, parts_of
 from cornerforge.ndd.predictors import fitted_idms
 from cornerforge.ndd.prior import FREE_PULL, MEMORY, SUPPORT_SD, FreeFlow, SafeLaw, following_prior, free_prior

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID
-from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, InitialState
+from cornerforge.ndd.initial import InitialState
+from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS
 
 __all__ = ["fit_gaps", "fit_speeds", "gap_law", "speed_law"]
 

@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID
+from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.lane_change import LaneChange
 from cornerforge.ndd.lane_observations import DWELL, LaneTracks, lane_crossings, lane_tracks
-from cornerforge.ndd.model import GAPS, InitialState
+from cornerforge.ndd.model import GAPS
 from cornerforge.ndd.readers import Reading
 
 __all__ = ["BEGINS_BEFORE", "LENGTHS", "SecondsAtRisk", "joined_seconds", "seconds_at_risk"]

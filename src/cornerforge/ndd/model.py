@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 from cornerforge._checksums import read_arrays, write_arrays
 from cornerforge._strict_json import parse
 from cornerforge.errors import FileFormatError
+from cornerforge.fields import Field
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID
+from cornerforge.ndd.initial import InitialState, check_initial, check_numbers
 from cornerforge.ndd.memory import Memory
 from cornerforge.types import N_ACCELERATIONS
 
@@ -29,7 +31,7 @@ __all__ = [
     "RANGE_RATES",
     "SCHEMA_VERSION",
     "SPEEDS",
-    "InitialState",
+    "TABLES",
     "NddModel",
     "default_model_path",
     "load_model",
@@ -56,51 +58,6 @@ GAPS: NDArray[np.float64] = GAP_GRID.points()
 """Bumper-to-bumper distance grid [m], shape (116,)."""
 RANGE_RATES: NDArray[np.float64] = RANGE_RATE_GRID.points()
 """Range rate grid [m/s], lead minus subject, shape (19,)."""
-
-
-@dataclass(frozen=True)
-class InitialState:
-    """Traffic at the start of a test: a chain of vehicles per lane.
-
-    All lanes of one test share a mean speed m, normal with `speed_mean` and `stream_sd`. Speeds are normal about m with
-    `speed_sd`, cut to [speed_low, speed_high]. The next vehicle ahead follows with probability `follow_share`, at a
-    time gap of `time_gap_shift` plus a log-normal part, else at a uniform free gap. Its speed is m + sqrt(1 - (s /
-    speed_sd)^2) (v - m) + s z with s = rr_scale (gap / 20)^rr_exponent, at most speed_sd, and z standard normal, which
-    keeps the distribution of speeds along the chain. States with a time to collision below `min_ttc` are drawn again.
-
-    What stays with a driver: its desired speed, given its speed v normal with mean m + desire_share (v - m), so that
-    `desire_share` of the variance of speeds lies between drivers; and its habit (`Memory`), for a follower one minus
-    the quantile of its time gap, give or take `habit_spread` (1: independent of it). How long its undisturbed lane
-    changes take is log-normal, cut to [change_low, change_high]; a `change_median` of 0: all take as long as the ODD
-    says. `signal_share` of the drivers set the indicator before they change lanes. Its noise level t, -1 to 1: it uses
-    the outer quarters of the acceleration's distribution with density 1 + t (`memory.own_rank`). The odds of an
-    acceleration there, (1 + t) / (1 - t), are log-normal with median 1 and `noise_spread`. How many times as often
-    as all drivers it begins to look away is log-normal with mean 1 and `vigilance_sigma`, cut at 20.
-    """
-
-    speed_mean: float = field(default=30.05, metadata={"unit": "m/s"})
-    stream_sd: float = field(default=2.9, metadata={"unit": "m/s"})
-    speed_sd: float = field(default=1.65, metadata={"unit": "m/s"})
-    speed_low: float = field(default=20.0, metadata={"unit": "m/s"})
-    speed_high: float = field(default=40.0, metadata={"unit": "m/s"})
-    follow_share: float = 0.682
-    time_gap_shift: float = field(default=0.265, metadata={"unit": "s"})
-    time_gap_median: float = field(default=0.92, metadata={"unit": "s"})
-    time_gap_sigma: float = 0.68
-    desire_share: float = 0.33
-    habit_spread: float = 1.0
-    rr_scale: float = field(default=0.8, metadata={"unit": "m/s"})
-    rr_exponent: float = 0.46
-    min_ttc: float = field(default=2.5, metadata={"unit": "s"})
-    free_gap_low: float = field(default=120.0, metadata={"unit": "m"})
-    free_gap_high: float = field(default=300.0, metadata={"unit": "m"})
-    change_median: float = field(default=4.8, metadata={"unit": "s"})
-    change_sigma: float = 0.35
-    change_low: float = field(default=3.4, metadata={"unit": "s"})
-    change_high: float = field(default=13.6, metadata={"unit": "s"})
-    signal_share: float = 0.52
-    noise_spread: float = 0.183
-    vigilance_sigma: float = 0.8
 
 
 @dataclass(frozen=True)
@@ -135,73 +92,63 @@ class NddModel:
 
     following: NDArray[np.float32]
     free: NDArray[np.float32]
-    free_pull: float
+    free_pull: float = field(metadata={"unit": "1/s", "within": (0.0, 1.0)})
     lc_base: NDArray[np.float32]
     lc_desire: NDArray[np.float32]
-    lc_desire_free: float
+    lc_desire_free: float = field(metadata={"within": (0.0, 100.0)})
     lc_accept_lead: NDArray[np.float32]
     lc_accept_rear: NDArray[np.float32]
     lc_turn_back: NDArray[np.float32]
-    overlook: float
-    overlook_conflict: float
+    overlook: float = field(metadata={"within": (0.0, 1.0)})
+    overlook_conflict: float = field(metadata={"within": (0.0, 1.0)})
     memory: Memory
     initial: InitialState
     provenance: Mapping[str, object]
 
     def __post_init__(self) -> None:
-        for name, shape in _SHAPES.items():
-            table = getattr(self, name)
+        for one in TABLES:
+            table, shape = getattr(self, one.name), _SHAPES[one.name]
             if table.shape != shape:
-                raise FileFormatError(f"Model table {name} has shape {table.shape}; expected {shape}.")
-            if not np.isfinite(table).all() or (table < 0).any():
-                raise FileFormatError(f"Model table {name} holds NaN, infinite or negative numbers.")
+                raise FileFormatError(f"Model table {one.name} has shape {table.shape}; expected {shape}.")
+            low, high = one.within or (0.0, 0.0)
+            if not np.isfinite(table).all() or (table < low).any() or (table > high).any():
+                raise FileFormatError(f"Model table {one.name} holds NaN, or numbers that are not {one.allowed}.")
         for name in ("following", "free"):
             off = float(np.abs(getattr(self, name).sum(axis=-1, dtype=np.float64) - 1.0).max())
             if off > 1e-4:
                 raise FileFormatError(f"Model table {name}: a row of probabilities sums to 1 only within {off:.2g}.")
-        for name in ("lc_base", "lc_accept_lead", "lc_accept_rear", "lc_turn_back"):
-            if (getattr(self, name) > 1).any():
-                raise FileFormatError(f"Model table {name} holds probabilities above 1.")
-        numbers = {name: getattr(self, name) for name in _NUMBERS}
-        for name, value in (numbers | asdict(self.memory) | asdict(self.initial)).items():
-            low, high = _LIMITS.get(name, (0.0, _LARGE))
-            if not low <= value <= high:
-                raise FileFormatError(f"Model number {name} = {value} is not between {low:g} and {high:g}.")
+        for part in (self, self.memory, self.initial):
+            check_numbers(part)
         remembered = self.memory.near + self.memory.far + self.memory.habit
         if remembered > 1.0:
             raise FileFormatError(
                 f"The weights of the model's memory (near, far, habit) sum to {remembered:g}, above 1."
             )
-        for name in ("speed", "free_gap", "change"):
-            if getattr(self.initial, f"{name}_low") > getattr(self.initial, f"{name}_high"):
-                raise FileFormatError(f"Model number {name}_low is above {name}_high.")
+        check_initial(self.initial)
 
 
-_PLACES = (GAPS.size, RANGE_RATES.size)
-_SHAPES = {
-    "following": (SPEEDS.size, *_PLACES, N_ACCELERATIONS),
-    "free": (SPEEDS.size, N_ACCELERATIONS),
-    "lc_base": (SPEEDS.size,),
-    "lc_desire": _PLACES,
-    "lc_accept_lead": _PLACES,
-    "lc_accept_rear": _PLACES,
-    "lc_turn_back": _PLACES,
-}
-_NUMBERS = ("free_pull", "lc_desire_free", "overlook", "overlook_conflict")
-_LARGE, _SMALL = 1e4, 1e-3
-_SHARES = (
-    "free_pull", "overlook", "overlook_conflict", "near", "far", "habit", "follow_share", "desire_share",
-    "habit_spread", "signal_share", "away", "away_again",
+_SHARE = (0.0, 1.0)
+_STATE = f"{GAPS.size},{RANGE_RATES.size}"
+TABLES: tuple[Field, ...] = (
+    Field(
+        "following", f"float32[{SPEEDS.size},{_STATE},{N_ACCELERATIONS}]", "",
+        "P(acceleration) by speed, gap and range rate; rows sum to 1, exact 0 is impossible.", _SHARE,
+    ),
+    Field(
+        "free", f"float32[{SPEEDS.size},{N_ACCELERATIONS}]", "",
+        "P(acceleration) by speed without a leader within 115 m; rows sum to 1.", _SHARE,
+    ),
+    Field(
+        "lc_base", f"float32[{SPEEDS.size}]", "per decision", "Chance to begin a change to one side, by speed.", _SHARE
+    ),
+    Field("lc_desire", f"float32[{_STATE}]", "", "Multiplier of it, by state to the leader.", (0.0, 1e4)),
+    Field("lc_accept_lead", f"float32[{_STATE}]", "", "Chance that the gap to the adjacent lead is accepted.", _SHARE),
+    Field("lc_accept_rear", f"float32[{_STATE}]", "", "The same of the adjacent rear.", _SHARE),
+    Field("lc_turn_back", f"float32[{_STATE}]", "", "Chance to turn back from a change for a neighbour.", _SHARE),
 )  # fmt: skip
-_LIMITS = {
-    **dict.fromkeys(_SHARES, (0.0, 1.0)),
-    **dict.fromkeys(("near_width", "far_width", "habit_width"), (_SMALL, 1.0)),
-    **dict.fromkeys(("speed_sd", "time_gap_median"), (_SMALL, _LARGE)),
-    **dict.fromkeys(("change_low", "change_high"), (0.5, 100.0)),
-    **dict.fromkeys(("change_sigma", "noise_spread"), (0.0, 2.0)),
-    "vigilance_sigma": (0.0, 1.5),
-}
-"""Lowest and highest value of the model's numbers; of others 0 and `_LARGE`."""
+"""The arrays of a model's file."""
+_SHAPES = {table.name: tuple(map(int, table.type.partition("[")[2].rstrip("]").split(","))) for table in TABLES}
+_NUMBERS = ("free_pull", "lc_desire_free", "overlook", "overlook_conflict")
 
 
 def default_model_path() -> Path:
@@ -239,7 +186,7 @@ def load_model(path: Path) -> NddModel:
         )
     arrays = read_arrays(path, "model")
     try:
-        header = parse(str(arrays["header"]))
+        header = parse(str(arrays["header"]), finite=False)
         if not isinstance(header, dict):
             raise FileFormatError("its header is no object.")
         version = header.get("schema_version")
@@ -256,9 +203,7 @@ def load_model(path: Path) -> NddModel:
         if version == 1:  # who would certainly refuse the gap turned back
             refused = np.minimum(tables["lc_accept_lead"], tables["lc_accept_rear"]) == 0.0
             tables["lc_turn_back"] = refused.astype(np.float32)
-        numbers: dict[str, Any] = {
-            name: float(header.get(name, 0.0) if version == 1 else header[name]) for name in _NUMBERS
-        }
+        numbers: dict[str, Any] = {name: header.get(name, 0.0) if version == 1 else header[name] for name in _NUMBERS}
         return NddModel(
             **tables,
             **numbers,

@@ -9,8 +9,9 @@ import numpy as np
 
 from cornerforge.ndd.decisions import Decisions
 from cornerforge.ndd.grids import SPEED_GRID
+from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.lane_fit import LaneChangeFit
-from cornerforge.ndd.model import GAPS, InitialState
+from cornerforge.ndd.model import GAPS
 from cornerforge.ndd.traits import FEWEST_DRIVERS as FEWEST_LONG
 from cornerforge.ndd.traits import SHORTEST, NoiseSpread
 

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.ivbss_initial import gap_law, speed_law
-from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, InitialState, NddModel
+from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
 from cornerforge.types import ACCELERATIONS
 
 __all__ = [

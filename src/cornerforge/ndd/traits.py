@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.ndd.decisions import Decisions
+from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.laws import FollowingLaw
-from cornerforge.ndd.model import InitialState
 from cornerforge.ndd.resampling import resampled_weights
 
 __all__ = ["APART", "FEWEST_DRIVERS", "SHORTEST", "NoiseSpread", "fit_noise_spread"]

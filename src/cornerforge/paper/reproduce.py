@@ -8,6 +8,7 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Unpack
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_in, check_integer
 from cornerforge._locks import claims
 from cornerforge.errors import InputError
@@ -35,6 +36,7 @@ __all__ = ["REPRODUCE_EFFORTS", "reproduce", "reproduction_text"]
 _SHOWN = tuple(one.name for one in fields(PaperItem))
 
 
+@checked
 @claims()
 def reproduce(
     *,

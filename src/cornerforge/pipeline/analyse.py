@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge._locks import claims
 from cornerforge.errors import InputError
@@ -44,6 +45,7 @@ _SHOWING = 5
 """Cases that are shown for a flaw."""
 
 
+@checked
 @claims()
 def analyse(
     library: Path | str,

@@ -15,6 +15,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._arguments import checked
 from cornerforge.analysis.crash_types import STRIKERS, classify_crashes
 from cornerforge.analysis.in_words import what_happened
 from cornerforge.analysis.mechanism import contact_pose, crash_frame, crash_types_of
@@ -221,6 +222,7 @@ def recorded_drive(run: Experiment, script: Script) -> Scenario:
     return replace(scenario, crash=None, **{one.name: getattr(scenario, one.name)[:frames] for one in SERIES})
 
 
+@checked
 def drive_case(case: CaseFile | Path | str, **world: Unpack[AvAloneKeywords]) -> DrivenCase:
     """Drive a case file with an AV.
 

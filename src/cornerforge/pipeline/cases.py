@@ -5,22 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
+from cornerforge._arguments import checked
 from cornerforge._locks import claims
 from cornerforge._objects import object_fault
 from cornerforge._table_checks import read_parquet
 from cornerforge.adversary.policy_file import load_policy
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.fields import REALS
-from cornerforge.foreign.process import DEFAULT_TIMEOUT
+from cornerforge.foreign.loaders import is_foreign
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.manifest import MANIFEST
-from cornerforge.library.query import run_sql
+from cornerforge.library.query import MEGABYTES, SECONDS, run_sql
 from cornerforge.pictures.moments import partner_of
 from cornerforge.pipeline.generate import MODEL_FILE, policy_file
+from cornerforge.pipeline.named_avs import check_named
 from cornerforge.pipeline.output import code_hash
 from cornerforge.pipeline.picture import check_picture, check_video, way_out_of, write_picture, write_video
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
@@ -28,7 +30,7 @@ from cornerforge.pipeline.setting import IDENTITY_FIELDS, Experiment, experiment
 from cornerforge.results import Queried, Replayed
 from cornerforge.sim import scenario_digest
 from cornerforge.types import Scenario
-from cornerforge.world_options import WorldOptions
+from cornerforge.world_options import AvProcessKeywords, WorldOptions
 
 __all__ = ["SEVERAL", "driver_of_cases", "experiment_of", "experiment_with", "is_same", "query", "replay"]
 
@@ -37,11 +39,12 @@ SEVERAL = "several AVs"
 _ANALYSED = "cases.parquet"
 
 
-def experiment_of(cases: CaseLibrary, av_timeout: float = DEFAULT_TIMEOUT, av_python: str | None = None) -> Experiment:
+def experiment_of(cases: CaseLibrary, **asked: Unpack[AvProcessKeywords]) -> Experiment:
     """Rebuild the experiment that made a library from its identity and the files beside it.
 
     Raises:
         FileFormatError: A file is missing or is not the one of the library.
+        InputError: Its AV is from outside, and the user has not named it.
     """
     _check_told(cases, ("av",))
     if cases.identity["av"] == SEVERAL:
@@ -49,7 +52,9 @@ def experiment_of(cases: CaseLibrary, av_timeout: float = DEFAULT_TIMEOUT, av_py
             f"The cases of {cases.path} were made by several AVs, so there is none to drive them with again; drive "
             f"them with two of your choice: cornerforge retest {cases.path} --av NEW --baseline OLD"
         )
-    world = WorldOptions(av=str(cases.identity["av"]), av_timeout=av_timeout, av_python=av_python)
+    if is_foreign(str(cases.identity["av"])):
+        check_named(str(cases.identity["av"]), cases.path)
+    world = WorldOptions(av=str(cases.identity["av"]), **asked)
     return experiment_with(cases, world, changed=())
 
 
@@ -131,6 +136,7 @@ def driver_of_cases(run: Experiment) -> Callable[[StoredCase], Scenario]:
     return again
 
 
+@checked
 @claims()
 def replay(
     library: Path | str,
@@ -139,9 +145,8 @@ def replay(
     check: bool = False,
     picture: Path | str | None = None,
     video: Path | str | None = None,
-    av_timeout: float = DEFAULT_TIMEOUT,
-    av_python: str | None = None,
     progress: Progress = NO_PROGRESS,
+    **asked: Unpack[AvProcessKeywords],
 ) -> Replayed:
     """Drive a case again from its seed, or by its script (`shrink` makes such cases).
 
@@ -152,9 +157,9 @@ def replay(
         picture: New file, .png or .svg, to draw the crash and the latest way out of it (extra `report`); for one case.
         video: New file, .mp4, .webm (extra `video`) or .gif (extra `report`), for a film of the case from above in real
             time, up to the contact, with the latest way out as a dashed outline; for one case.
-        av_timeout: How long an AV that is not built in may take for an answer [s].
-        av_python: Python in which such an AV runs; a library does not remember it, because it belongs to the machine.
         progress: Told how far it is.
+        asked: In what an AV that is not built in runs, and its time for an answer; see `WorldOptions`. A library does
+            not remember it, because it belongs to the machine.
 
     Returns:
         What `cornerforge replay --json` prints.
@@ -170,7 +175,7 @@ def replay(
     if video is not None:
         check_video(Path(video))
     cases = CaseLibrary.open(Path(library))
-    run = experiment_of(cases, av_timeout, av_python)
+    run = experiment_of(cases, **asked)
     again = driver_of_cases(run)
     ids = cases.scalars(["case_id"])["case_id"].to_pylist() if case == "all" else [case]
     if not ids:
@@ -221,23 +226,27 @@ def _why_different(cases: CaseLibrary, run: Experiment, driven: Scenario) -> str
     return None
 
 
-def query(library: Path | str, sql: str) -> Queried:
+@checked
+def query(library: Path | str, sql: str, *, seconds: float = SECONDS, megabytes: int = MEGABYTES) -> Queried:
     """Run SQL on a library, or on the cases of an analysis (table `cases`, key `case_id`), read only.
 
     Args:
         library: The library's folder, or the folder of an analysis: the table is then its `cases.parquet`.
         sql: One SELECT.
+        seconds: Longest time for the answer [s], 0.1 to 86,400.
+        megabytes: Most memory for it, 16 to 1,048,576.
 
     Raises:
-        CornerForgeError: There is neither, it cannot be read, or the SQL is wrong.
+        CornerForgeError: There is neither, it cannot be read, the SQL is wrong, or needs more than it may.
     """
     folder = Path(library)
     analysed = folder / _ANALYSED
     if not (folder / MANIFEST).exists() and analysed.is_file():
-        columns, rows = run_sql(read_parquet(analysed, "cornerforge analyse"), sql)
+        table = read_parquet(analysed, "cornerforge analyse")
+        columns, rows = run_sql(table, sql, seconds=seconds, megabytes=megabytes)
     else:
         _point_below(folder)
-        columns, rows = CaseLibrary.open(folder).query(sql)
+        columns, rows = CaseLibrary.open(folder).query(sql, seconds=seconds, megabytes=megabytes)
     return Queried(columns=tuple(columns), rows=tuple(tuple(_plain(value) for value in row) for row in rows))
 
 

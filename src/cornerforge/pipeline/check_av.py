@@ -9,11 +9,13 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer, spoken
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.foreign.answers import controller_of
 from cornerforge.foreign.av_log import AvLog
 from cornerforge.foreign.edge_cases import EDGE_CASES, edge_case, random_views
+from cornerforge.foreign.interpreter import Confines
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.foreign.pace import Pace, announce
 from cornerforge.foreign.process import FIRST_TIMEOUT, AvFailureError, AvProcess
@@ -21,7 +23,7 @@ from cornerforge.foreign.session import AvSession, context_of
 from cornerforge.pipeline.counting import simulate_experiment
 from cornerforge.pipeline.forecast import LONG_SECONDS, forecast, seconds_of, tests_per_hour
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.pipeline.setting import Experiment, check_av_options, experiment, road_of
+from cornerforge.pipeline.setting import Experiment, check_av_options, confines_of, experiment, road_of
 from cornerforge.results import AvChecked
 from cornerforge.results.avs import AvCheck, AvDoes, AvSpeed
 from cornerforge.road.straight import road_numbers
@@ -58,9 +60,9 @@ class _Bench:
         hangs: So often it gave no answer in time.
     """
 
-    def __init__(self, spec: str, odd: Odd, seed: int, timeout: float, python: str | None) -> None:
+    def __init__(self, spec: str, odd: Odd, seed: int, timeout: float, confines: Confines) -> None:
         self.log = AvLog()
-        self._start = partial(AvProcess, python=python, log=self.log)
+        self._start = partial(AvProcess, confines=confines, log=self.log)
         self._spec, self._odd, self._seed = spec, odd, seed
         self.pace = Pace(timeout, FIRST_TIMEOUT)
         self.few, self.many, self.hangs = _BATCH, _MANY, 0
@@ -150,6 +152,7 @@ class _Bench:
         return np.array(given)
 
 
+@checked
 def check_av(
     *,
     tests: int | None = None,
@@ -186,7 +189,7 @@ def check_av(
             ".onnx and .zip files."
         )
     road = road_of(options)
-    bench = _Bench(av, road, seed, av_timeout, options.av_python)
+    bench = _Bench(av, road, seed, av_timeout, confines_of(options))
     try:
         bench.session(1)
         speed: tuple[AvSpeed, ...] = ()
@@ -206,6 +209,8 @@ def check_av(
         av=av,
         kind=bench.about["kind"],
         hash=bench.about["hash"],
+        sandbox=options.av_sandbox,
+        memory_gb=round(confines_of(options).gigabytes, 3),
         checks=tuple(bench.checks),
         passed=passed,
         log=None if passed or log is None else str(log),

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_in
 from cornerforge._locks import claims
 from cornerforge.errors import InputError, MissingExtraError
@@ -17,7 +18,7 @@ from cornerforge.interchange.openscenario import VERSIONS, write_openscenario
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.pipeline.case_facts import CaseFacts
 from cornerforge.pipeline.library_case_files import CaseFilesOf
-from cornerforge.pipeline.output import check_path, config_hash, open_output, provenance, write_json
+from cornerforge.pipeline.output import config_hash, open_output, provenance, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.results.whole import Exported
 
@@ -112,6 +113,7 @@ _MODES = {"openscenario": ("recorded", "controller", "relative"), "commonroad": 
 _ENDINGS = {"csv": "csv", "parquet": "parquet", "rerun": "rrd", "json": "json"}
 
 
+@checked
 @claims()
 def export(
     library: Path | str,
@@ -145,7 +147,6 @@ def export(
     """
     began = time.perf_counter()
     given, place = Path(library), Path(out)
-    check_path(given)
     source = CaseLibrary.open(given.resolve())
     ids = _ids(source, [cases] if isinstance(cases, str) else cases)
     identity = {

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cornerforge._arguments import checked
 from cornerforge._files import write_bytes
 from cornerforge._locks import claim_folder, claims
 from cornerforge.analysis.in_words import what_happened
@@ -34,6 +35,7 @@ _OF_CASES = ("types", "fault", "rules", "own", "prevented", "avoidability")
 _COUNTED = " Natural cases are counted, not weighted by how often they happen."
 
 
+@checked
 @claims()
 def figure(
     place: Path | str,

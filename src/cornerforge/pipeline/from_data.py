@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
 
+from cornerforge._arguments import checked
 from cornerforge._locks import claims
 from cornerforge.analysis.crash_types import STRIKERS
 from cornerforge.analysis.mechanism import crash_types_of
@@ -34,6 +35,7 @@ _LEAST_SHOWN = 0.05
 _TOUCHES = "driven as recorded, the car touches another vehicle"
 
 
+@checked
 @claims()
 def cases_from_data(
     files: Sequence[Path | str] | Path | str,

@@ -15,6 +15,7 @@ from typing import Unpack
 import numpy as np
 import pyarrow as pa
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
 from cornerforge._locks import claims
 from cornerforge.adversary.policy_file import policy_hash, save_policy
@@ -369,6 +370,7 @@ def store_tests(
     return replace(counted, cases=filled.cases, library=str(out))
 
 
+@checked
 @claims()
 def generate(
     *,

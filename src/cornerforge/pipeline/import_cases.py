@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Unpack
 
+from cornerforge._arguments import checked
 from cornerforge._files import reason
 from cornerforge._locks import claims
 from cornerforge.errors import CornerForgeError, DataError, FileFormatError, InputError
@@ -18,7 +19,6 @@ from cornerforge.ndd.tables import file_sha256
 from cornerforge.pipeline.moving_cases import UNKNOWN, CasesDriven, library_of
 from cornerforge.pipeline.output import (
     check_new_folder,
-    check_path,
     open_output,
     provenance,
     whole_or_nothing,
@@ -67,6 +67,7 @@ IMPORTS: dict[str, Callable[[Path, str | None], MovingCase]] = {
 """End of a file's name -> its reader: path, name of the vehicle in the AV's seat."""
 
 
+@checked
 @claims()
 def import_cases(
     files: Sequence[Path | str] | Path | str,
@@ -141,7 +142,6 @@ def _read(path: Path, ego: str | None, taken: set[str]) -> tuple[MovingCase, Cas
     Raises:
         CornerForgeError: It cannot be read, or no case file can hold what it says.
     """
-    check_path(path)
     try:
         if path.is_dir():
             raise InputError(f"{path} is a folder; name the files in it.")

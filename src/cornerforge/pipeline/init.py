@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from cornerforge._arguments import checked
 from cornerforge._locks import claims
 from cornerforge.pipeline.output import check_new_file, write_text
 from cornerforge.results import Initialised
@@ -14,6 +15,7 @@ FILES = {"my_av.py": "my_av.py.txt", "cornerforge.toml": "cornerforge.toml", "RE
 """Files that `init` writes, and where their text lies in the folder `start` beside this module."""
 
 
+@checked
 @claims()
 def init(folder: Path | str) -> Initialised:
     """Write a folder to start from: an AV class, a config for `cornerforge run --config`, and a README of ten lines.

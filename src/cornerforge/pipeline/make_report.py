@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from cornerforge._arguments import checked
 from cornerforge._locks import claim_folder, claims
 from cornerforge.errors import InputError
 from cornerforge.library.manifest import MANIFEST
@@ -14,6 +15,7 @@ from cornerforge.results.whole import Reported
 __all__ = ["library_of", "make_report"]
 
 
+@checked
 @claims()
 def make_report(
     place: Path | str,

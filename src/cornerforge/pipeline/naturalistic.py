@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
 from cornerforge._locks import claims
 from cornerforge.ndd.model import default_model_path, load_model, model_hash, save_model
@@ -19,6 +20,7 @@ from cornerforge.results import NddFitted, NddImported, from_json
 __all__ = ["fit_text", "import_text", "ndd_fit", "ndd_import"]
 
 
+@checked
 @claims()
 def ndd_fit(
     files: Sequence[Path | str],
@@ -103,6 +105,7 @@ def fit_text(result: NddFitted) -> str:
     return "\n".join([*lines, f"Model: {result.out}, report: {result.report}"])
 
 
+@checked
 @claims()
 def ndd_import(
     folder: Path | str,

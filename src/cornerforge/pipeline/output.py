@@ -16,17 +16,18 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from cornerforge._checks import check_path
 from cornerforge._checksums import read_json, with_checksum
 from cornerforge._files import part_of, reason, writing
 from cornerforge._locks import claim_file, claim_folder, command_line, is_lock
 from cornerforge.errors import InputError, OutputError
 from cornerforge.execution import code_hash
+from cornerforge.foreign.interpreter import in_use
 
 __all__ = [
     "called_with",
     "check_new_file",
     "check_new_folder",
-    "check_path",
     "code_hash",
     "config_hash",
     "open_output",
@@ -100,10 +101,12 @@ def provenance(identity: Mapping[str, Any], seconds: float | None = None) -> dic
         identity: What decides the result: seed, hashes, settings.
         seconds: Wall-clock time of the work [s]; None while it is not done.
     """
+    outside = in_use()
     return {
         "cornerforge": version(),
         "command": command_line(),
         **_CALL.get(),
+        **({"avs_from_outside": outside} if outside else {}),
         "identity": dict(identity),
         "written": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "seconds": seconds,
@@ -114,18 +117,6 @@ def provenance(identity: Mapping[str, Any], seconds: float | None = None) -> dic
             "python": platform.python_version(),
         },
     }
-
-
-def check_path(path: Path) -> None:
-    """Check that a path is valid text: a file can have another name, but no message or file could hold that name.
-
-    Raises:
-        InputError: The path is no valid text.
-    """
-    try:
-        str(path).encode()
-    except UnicodeEncodeError as error:
-        raise InputError(f"{str(path)!a} is no UTF-8; choose another name.") from error
 
 
 def check_new_folder(folder: Path) -> None:

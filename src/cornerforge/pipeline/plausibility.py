@@ -9,6 +9,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
 from cornerforge._locks import claims
 from cornerforge.adversary.config import TrainConfig, preset_named
@@ -32,6 +33,7 @@ BUDGETS_NATS = (10.0, 20.0, 40.0, 60.0, 80.0)
 _NATURAL_TESTS = 500
 
 
+@checked
 @claims()
 def plausibility(
     *,

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
 from cornerforge._locks import claims
 from cornerforge.drivers.careful import CAREFUL, HOLDS, SCENARIOS, drives_into
@@ -84,6 +85,7 @@ class _Driven:
         return self.failed & ~self.crashes[driver]
 
 
+@checked
 @claims()
 def r157(
     *,

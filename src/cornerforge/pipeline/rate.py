@@ -11,6 +11,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any, Unpack
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge._locks import claims
 from cornerforge.analysis.crash_types import CRASH_TYPES
@@ -38,6 +39,7 @@ _TREES_TAKE_TESTS = 1_000_000
 _NO_CRASH = "no tree found a crash, so rate and interval are those of the plain tests"
 
 
+@checked
 @claims()
 def rate(
     *,

@@ -13,6 +13,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
 from cornerforge._locks import claims
 from cornerforge.errors import AvFaultError, InputError
@@ -59,6 +60,7 @@ _NO, _YES, _UNKNOWN = 0, 1, -1
 """Did an AV crash in a test?"""
 
 
+@checked
 @claims()
 def retest(
     library: Path | str,
@@ -219,7 +221,7 @@ def _retest_files(
 ) -> tuple[Retested, list[Pair]]:
     """Drive the AV, and the baseline if there is one, through case files; record pairs for the page if wanted."""
     files, note = read_case_files(place)
-    options_of_old = None if baseline is None else _options_of(options, baseline)
+    options_of_old = None if baseline is None else options.with_av(baseline, is_foreign=is_foreign(baseline))
     models = [place if place.is_dir() else place.parent]
     with contextlib.ExitStack() as stack:
         new = stack.enter_context(CaseDriver(options, models))
@@ -287,11 +289,6 @@ def _in_files(driver: CaseDriver, files: Mapping[str, CaseFile], progress: Progr
             found.append(_End(None, None, str(error).removeprefix(f"Case {case.name}: ")))
         progress(what, done + 1, len(files))
     return found
-
-
-def _options_of(options: WorldOptions, av: str) -> WorldOptions:
-    """The same options with another AV; only one from outside needs a Python."""
-    return replace(options, av=av, av_python=options.av_python if is_foreign(av) else None)
 
 
 def _opened(library: Path, baseline: str | None) -> CaseLibrary:

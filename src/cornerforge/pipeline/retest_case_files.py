@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from cornerforge.errors import AvFaultError, CornerForgeError, InputError
@@ -95,7 +94,7 @@ def _before(case: CaseFile, old: CaseDriver | None, options: WorldOptions, model
             return old.record(case)
         if case.av is None or is_foreign(case.av):
             return None
-        with CaseDriver(replace(options, av=case.av, av_python=None), models) as maker:
+        with CaseDriver(options.with_av(case.av, is_foreign=False), models) as maker:
             return maker.record(case)
     except CornerForgeError:
         return None

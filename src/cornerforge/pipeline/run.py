@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Unpack
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer, check_number
 from cornerforge._locks import claims
 from cornerforge.adversary.config import TrainConfig, preset_named
@@ -117,6 +118,7 @@ def _identity(plain: Experiment, effort: str, config: TrainConfig, seed: int) ->
     }
 
 
+@checked
 @claims()
 def run(
     *,

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cornerforge._arguments import checked
 from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.careful import CAREFUL
 from cornerforge.errors import CornerForgeError, FileFormatError, InputError, MissingExtraError
@@ -22,7 +23,6 @@ from cornerforge.library.manifest import MANIFEST
 from cornerforge.library.natural import is_natural, natural_weights
 from cornerforge.pipeline.beside import analysis_beside, own_folder
 from cornerforge.pipeline.export import EXPORTS, CaseWriter, has_rerun
-from cornerforge.pipeline.output import check_path
 from cornerforge.results.whole import Served
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ def _silent(served: Served) -> None:
     pass
 
 
+@checked
 def serve(
     place: Path | str,
     *,
@@ -75,7 +76,6 @@ def serve(
     except ModuleNotFoundError as error:
         raise MissingExtraError(str(error.name), "explorer") from error
     given = Path(place)
-    check_path(given)
     given = given.resolve()  # . and .. have no name, and a command that is copied holds from any folder
     found = _sources(given)
     driving = _driving(avs, found[0].source)

@@ -19,10 +19,12 @@ from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.execution import default_threads, is_spread
 from cornerforge.fields import Field
 from cornerforge.foreign.driver import ForeignAv
+from cornerforge.foreign.interpreter import Confines
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.foreign.recorder import ForeignRecorder
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
 from cornerforge.pipeline.av_file import av_of
+from cornerforge.pipeline.named_avs import remember
 from cornerforge.pipeline.output import config_hash
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import (
@@ -234,6 +236,11 @@ def check_av_options(world: WorldOptions) -> None:
         check_integer("av_processes", world.av_processes, low=1, high=1024)
 
 
+def confines_of(world: WorldOptions) -> Confines:
+    """Say in what the processes of a foreign AV run."""
+    return Confines(world.av_python, world.av_memory, world.av_sandbox)
+
+
 def _joint_hash(policies: Sequence[Policy]) -> str | None:
     """Hash a policy, or the policies of a mixture in their order; None without a policy."""
     hashes = [policy_hash(policy) for policy in policies]
@@ -357,8 +364,9 @@ def experiment(
         raise InputError(
             f"{RECORDED_AV} is no AV that could drive on its own: it is what was in the AV's seat of a case."
         )
-    if world.av_python is not None and not is_foreign(av):
-        raise InputError(f"av_python is for AVs that are not built in; {av} is. Leave it out.")
+    for name in ("av_python", "av_memory", "av_sandbox"):
+        if getattr(world, name) not in (None, False) and not is_foreign(av):
+            raise InputError(f"{name} is for AVs that are not built in; {av} is. Leave it out.")
     if is_foreign(av) and is_spread():
         raise InputError(f"The AV {av} is not built in, so it drives on this machine alone; leave out --engine ray.")
     stands_in = is_foreign(av) or av == RECORDED_AV
@@ -395,6 +403,7 @@ def experiment(
     numbers = [policy_numbers(p) for p in policies]
     foreign = None
     if is_foreign(av):
+        remember(av)
         foreign = ForeignAv(
             av,
             road,
@@ -402,7 +411,7 @@ def experiment(
             timeout=world.av_timeout,
             batch=world.av_batch,
             processes=world.av_processes,
-            python=world.av_python,
+            confines=confines_of(world),
         )
     setting = Setting(
         road=road_numbers(road),

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+from cornerforge._arguments import checked
 from cornerforge._locks import claims
 from cornerforge.ndd.model import default_model_path, load_model, model_hash
 from cornerforge.pipeline.output import open_output, write_json
@@ -24,6 +25,7 @@ from cornerforge.results.naturalistic import (
 __all__ = ["ndd_show", "show_text"]
 
 
+@checked
 @claims()
 def ndd_show(
     model: Path | str | None = None, *, out: Path | str | None = None, progress: Progress = NO_PROGRESS

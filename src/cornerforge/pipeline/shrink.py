@@ -9,13 +9,13 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
+from cornerforge._arguments import checked
 from cornerforge._locks import claim_folder, claims
 from cornerforge.analysis.shrink import Shrunk
 from cornerforge.analysis.shrink import shrink as shrink_script
 from cornerforge.errors import CornerForgeError, InputError, ReplayError
-from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.library import CaseLibrary, CaseRecord, StoredCase, case_record
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
 from cornerforge.ndd.model import save_model
@@ -28,6 +28,7 @@ from cornerforge.results import ShrunkLibrary
 from cornerforge.results.cases import CaseMedians, CaseSize, MedianSize, ShrunkCase
 from cornerforge.sim import Script, ScriptDriver
 from cornerforge.types import Scenario
+from cornerforge.world_options import AvProcessKeywords
 
 __all__ = ["shrink", "shrink_text"]
 
@@ -44,6 +45,7 @@ _MEASURES = {
 _LABELS = ("crash_type", "striker", "cause")
 
 
+@checked
 @claims()
 def shrink(
     library: Path | str,
@@ -51,9 +53,8 @@ def shrink(
     *,
     out: Path | str | None = None,
     resume: bool = False,
-    av_timeout: float = DEFAULT_TIMEOUT,
-    av_python: str | None = None,
     progress: Progress = NO_PROGRESS,
+    **asked: Unpack[AvProcessKeywords],
 ) -> ShrunkLibrary:
     """Make cases as small as possible: fewest vehicles, shortest window, most natural actions, the same crash.
 
@@ -65,9 +66,8 @@ def shrink(
         out: Folder of the library of shrunk cases, new or empty unless `resume`; cases keep their names. None: beside
             the library, named after it and the case; for one case only.
         resume: Go on with the library of an earlier call, finished or ended by Ctrl-C.
-        av_timeout: How long an AV that is not built in may take for an answer [s].
-        av_python: Python in which such an AV runs.
         progress: Told how far it is.
+        asked: In what an AV that is not built in runs, and its time for an answer; see `WorldOptions`.
 
     Returns:
         What `cornerforge shrink --json` prints: each case before and after, and medians.
@@ -81,7 +81,7 @@ def shrink(
     ids = _ids(source, [cases] if isinstance(cases, str) else cases)
     place = _place(Path(library), ids) if out is None else Path(out)
     claim_folder(place)
-    run = experiment_of(source, av_timeout, av_python)
+    run = experiment_of(source, **asked)
     _check_same(source.scenario(ids[0]), driver_of_cases(run))  # a case that does not replay fails before out is made
     shrunk = _open(source, run, place, resume=resume)
     left = _left(shrunk, ids)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Unpack
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
 from cornerforge._locks import claims
 from cornerforge.errors import InputError
@@ -20,6 +21,7 @@ from cornerforge.world_options import WorldKeywords, WorldOptions
 __all__ = ["simulate"]
 
 
+@checked
 @claims()
 def simulate(
     *,

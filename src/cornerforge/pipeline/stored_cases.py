@@ -71,8 +71,8 @@ class StoredScripts:
 
 
 def run_with(cases: CaseLibrary, options: WorldOptions, av: str) -> Experiment:
-    """Build the experiment of a library with one of several AVs; only one from outside needs a Python."""
-    return experiment_with(cases, replace(options, av=av, av_python=options.av_python if is_foreign(av) else None))
+    """Build the experiment of a library with one of several AVs."""
+    return experiment_with(cases, options.with_av(av, is_foreign=is_foreign(av)))
 
 
 def drive_as_recorded(

@@ -11,6 +11,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
 from cornerforge._locks import claims
 from cornerforge.analysis.contact import impact_speed
@@ -30,7 +31,7 @@ from cornerforge.pipeline.setting import Experiment, check_threads
 from cornerforge.pipeline.stored_cases import StoredScripts, drive_as_recorded, run_with
 from cornerforge.results.suite import LeftOutAll, LeftOutAv, SuiteAv, SuiteBuilt
 from cornerforge.sim import Ending
-from cornerforge.world_options import AvAskedKeywords, WorldOptions
+from cornerforge.world_options import AV_PROCESS, AvAskedKeywords, WorldOptions
 
 __all__ = ["suite_build", "suite_text"]
 
@@ -67,6 +68,7 @@ class _Candidates:
         return np.asarray(np.nansum(self.impact, axis=1) / np.maximum(1, self.crashes.sum(axis=1)))
 
 
+@checked
 @claims()
 def suite_build(
     libraries: Sequence[Path | str] | Path | str,
@@ -192,8 +194,9 @@ def _maker(cases: CaseLibrary, options: WorldOptions) -> Experiment:
     Raises:
         CornerForgeError: Its AV, model or policy is not the one that made it.
     """
-    outside = is_foreign(str(cases.identity.get("av", "")))
-    return experiment_of(cases, options.av_timeout, options.av_python if outside else None)
+    av = str(cases.identity.get("av", ""))
+    asked = options.with_av(av, is_foreign=is_foreign(av))
+    return experiment_of(cases, **{name: getattr(asked, name) for name in AV_PROCESS})
 
 
 def _check_fit(sources: Sequence[CaseLibrary], makers: Sequence[Experiment]) -> None:

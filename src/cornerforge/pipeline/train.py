@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer, check_number
 from cornerforge._locks import claims
 from cornerforge.adversary.checkpoint import CheckpointFile
@@ -289,6 +290,7 @@ def measure_baselines(
     return tuple(rates)
 
 
+@checked
 @claims()
 def train(
     *,

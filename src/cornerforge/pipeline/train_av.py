@@ -6,6 +6,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Unpack
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer, check_number
 from cornerforge._locks import claims
 from cornerforge.drivers.avs import AvNetwork, av_hash
@@ -24,6 +25,7 @@ from cornerforge.world_options import RoadKeywords, WorldOptions
 __all__ = ["train_av"]
 
 
+@checked
 @claims()
 def train_av(
     *,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer, check_number
 from cornerforge._files import write_bytes
 from cornerforge._locks import claims
@@ -74,6 +75,7 @@ _PAGE = "validation.html"
 _CURVES = ("time_gap", "gap", "range_rate", "acceleration_following", "acceleration_free")
 
 
+@checked
 @claims()
 def ndd_validate(
     model: Path | str,

@@ -10,6 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
 from cornerforge.fields import HISTORY_SHAPE
@@ -31,6 +32,7 @@ VARIETY_TESTS = (1 << 41) + (1 << 40)
 """Number of the first test on which ways to generate are compared: far from training and evaluation tests."""
 
 
+@checked
 def variety(
     *,
     libraries: Sequence[Path | str] = (),

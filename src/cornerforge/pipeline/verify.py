@@ -8,6 +8,7 @@ from pathlib import Path
 
 from safetensors import SafetensorError, safe_open
 
+from cornerforge._arguments import checked
 from cornerforge._checksums import NoChecksumWarning, read_arrays, read_json, read_tensors
 from cornerforge._files import check_regular
 from cornerforge._locks import is_lock
@@ -19,7 +20,6 @@ from cornerforge.library import CaseLibrary
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.ndd.model import load_model
 from cornerforge.pipeline.av_file import load_av
-from cornerforge.pipeline.output import check_path
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.results.whole import DamagedFile, Verified
 
@@ -28,6 +28,7 @@ __all__ = ["verify"]
 _STAGE = "verify"
 
 
+@checked
 def verify(paths: Path | str | Sequence[Path | str], *, progress: Progress = NO_PROGRESS) -> Verified:
     """Check that files of cornerforge are as they were written, and that what they hold can be.
 
@@ -44,7 +45,6 @@ def verify(paths: Path | str | Sequence[Path | str], *, progress: Progress = NO_
     given = [Path(path) for path in ([paths] if isinstance(paths, (str, Path)) else paths)]
     places: list[Path] = []
     for path in given:
-        check_path(path)
         if not path.exists():
             raise InputError(f"There is nothing at {path}; name a file or a folder.")
         inside = (one for one in path.rglob("*") if not (one.is_dir() or is_lock(one.name)))

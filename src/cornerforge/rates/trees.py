@@ -25,6 +25,7 @@ from cornerforge.sim import (
     allocate_scratch,
     keep_nothing,
     lessons,
+    naming_tests,
     trees,
     warn_of_left_out,
 )
@@ -182,7 +183,8 @@ def grow(
             leaves.used[:] = 0
             log.used[:] = 0
             forest = Forest(plan, setting, scratch, keep_nothing(slots), nursery, leaves, log)
-            noted = grower(seed, start, forest, roots)
+            with naming_tests(nursery.worlds):
+                noted = grower(seed, start, forest, roots)
             warn_of_left_out(scratch)
             found = leaves.used[0]
             crashes, actions = leaves.crashes[:found].copy(), leaves.actions[:found].copy()

@@ -156,7 +156,7 @@ if TYPE_CHECKING:
     )
     from cornerforge.sim.snapshot import branch_of, copy_of, packed, unpacked
     from cornerforge.sim.step import SUBSTEPS, allocate_recording
-    from cornerforge.sim.traffic import reset_world
+    from cornerforge.sim.traffic import naming_tests, reset_world
     from cornerforge.sim.world import (
         AV_CRASH,
         AV_FAULT,
@@ -191,10 +191,10 @@ __all__ = [
     "crashed_tests", "danger", "drive_bv_outside", "drive_chunk", "drive_chunk_by_window", "drive_range",
     "driver_of_reward", "grove", "harvest_range", "hold", "is_full", "is_outside", "judge_crashes", "keep_nothing",
     "keep_whole_test", "lateral_plan", "lessons", "lockstep", "manoeuvre_begin", "move_vehicle", "n_slots",
-    "ordered_lane", "packed", "path_of", "rails_of", "recordings_of_harvest", "reset_world", "reward_named",
-    "reward_numbers", "scenario_digest", "scripted_start", "simulate", "simulate_chunks", "start_av_worlds",
-    "start_lane_change", "start_worlds", "statistics", "tracking", "tree_of", "trees", "unpacked", "warm_up",
-    "warn_of_left_out", "world_of", "write_outcome",
+    "naming_tests", "ordered_lane", "packed", "path_of", "rails_of", "recordings_of_harvest", "reset_world",
+    "reward_named", "reward_numbers", "scenario_digest", "scripted_start", "simulate", "simulate_chunks",
+    "start_av_worlds", "start_lane_change", "start_worlds", "statistics", "tracking", "tree_of", "trees", "unpacked",
+    "warm_up", "warn_of_left_out", "world_of", "write_outcome",
 ]  # fmt: skip
 
 FOR_PROGRAMS = (
@@ -211,7 +211,7 @@ _PLACES: dict[str, tuple[str, ...]] = {
         "World", "allocate_worlds", "world_of", "n_slots", "arrays_of", "all_current", "path_of", "RUNNING",
         "COMPLETED", "TIME_UP", "AV_CRASH", "BV_CRASH", "AV_FAULT",
     ),
-    "traffic": ("reset_world",),
+    "traffic": ("naming_tests", "reset_world"),
     "snapshot": ("copy_of", "branch_of", "packed", "unpacked"),
     # setting
     "setting": (

@@ -14,7 +14,7 @@ from cornerforge._jit import kernel
 from cornerforge.road.straight import driven
 from cornerforge.sim.actions import ordered_lane
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
-from cornerforge.sim.drive_bv import History, reward_of
+from cornerforge.sim.drive_bv import MAX_TRIES, History, reward_of, start_with_bv
 from cornerforge.sim.loop import NEVER, advance, answer_as_av, answer_as_bv, look_as_bv
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.sight import VISIBLE
@@ -48,9 +48,7 @@ __all__ = [
 ]
 
 NOBODY_LEFT = 6
-"""Outcome besides the codes of `world.py`: no BV is left to control."""
-MAX_TRIES = 1000
-"""Tests without any BV that `start_as_bv` passes over before it gives up."""
+"""Outcome besides the codes of `world.py`, none of which is 6: no BV is left to control."""
 
 
 @kernel
@@ -118,22 +116,17 @@ def allocate_bv_agents(n_worlds: int, slots: int) -> BvAgents:
 def start_as_bv(begin: int, end: int, setting: Setting, agents: BvAgents, s: Scratch) -> None:
     """Put the chosen worlds of [begin, end) at the start of their tests; fill the critical BV's observation and mask.
 
-    A test without any BV is passed over: tests[b] becomes the next test that has one, or -1 after MAX_TRIES.
+    A test without any BV is passed over: tests[b] becomes the next test that has one.
+
+    Raises:
+        InputError: MAX_TRIES tests in a row have none.
     """
-    tests = agents.tests
     for b in range(begin, end):
-        if not agents.chosen[b]:
-            continue
-        w = world_row(agents.worlds, b)
-        found = False
-        for _ in range(MAX_TRIES):
-            reset_world(w, agents.seeds[b], tests[b], setting)
-            found = look_as_bv(w, setting, s, agents.observation[b], agents.allowed[b]) >= 0
-            if found:
-                break
-            tests[b] += 1
-        if not found:
-            tests[b] = -1
+        if agents.chosen[b]:
+            agents.tests[b] = start_with_bv(
+                world_row(agents.worlds, b), agents.seeds[b], agents.tests[b], 1, setting, s, agents.observation[b],
+                agents.allowed[b],
+            )  # fmt: skip
 
 
 @kernel

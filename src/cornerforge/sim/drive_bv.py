@@ -13,6 +13,7 @@ import numpy as np
 
 from cornerforge._jit import kernel
 from cornerforge._philox import PURPOSE_GUIDE, block, uniform
+from cornerforge.errors import InputError
 from cornerforge.road.straight import ahead_by
 from cornerforge.sim.adversaries import choose_action
 from cornerforge.sim.judge import judge_crash
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FINISHED",
+    "MAX_TRIES",
     "Actors",
     "Exploring",
     "History",
@@ -59,8 +61,14 @@ __all__ = [
     "drive_again",
     "reward_of",
     "settle",
+    "start_with_bv",
     "start_worlds",
 ]
+
+
+MAX_TRIES = 1000
+"""Tests in a row without any BV after which `start_with_bv` gives up."""
+_NOBODY = "There is no background vehicle to control in 1000 tests on end; use a model with more traffic."
 
 
 class Transitions(NamedTuple):
@@ -163,14 +171,39 @@ def allocate_actors(n_worlds: int, setting: Setting, slots: int, n_inputs: int) 
 
 
 @kernel
+def start_with_bv(
+    w: World, seed: int, test: int, step: int, setting: Setting, s: Scratch, observation: NDArray[np.float32],
+    allowed: NDArray[np.bool_],
+) -> int:  # fmt: skip
+    """Put a world at the start of a test, or of the first of every `step`-th after it that has a BV.
+
+    Args:
+        w: The world.
+        seed, test, step: The tests.
+        setting: The run.
+        s: Scratch.
+        observation, allowed: Filled with what the critical BV sees and may do.
+
+    Returns:
+        The number of the test.
+
+    Raises:
+        InputError: MAX_TRIES tests in a row have no BV.
+    """
+    for _ in range(MAX_TRIES):
+        reset_world(w, seed, test, setting)
+        if look_as_bv(w, setting, s, observation, allowed) >= 0:
+            return test
+        test += step
+    raise InputError(_NOBODY)
+
+
+@kernel
 def _start_world(seed: int, test: int, b: int, setting: Setting, s: Scratch, actors: Actors) -> None:
     """Put world b at the start of a test, or of the next of its series that has a BV; fill observation and mask."""
     actors.history.answered[b] = 0
-    w = world_row(actors.worlds, b)
-    reset_world(w, seed, test, setting)
-    while look_as_bv(w, setting, s, actors.observation[b], actors.allowed[b]) < 0:
-        test += actors.allowed.shape[0]
-        reset_world(w, seed, test, setting)
+    w, n = world_row(actors.worlds, b), actors.allowed.shape[0]
+    start_with_bv(w, seed, test, n, setting, s, actors.observation[b], actors.allowed[b])
 
 
 @kernel

@@ -20,6 +20,7 @@ from cornerforge.sim.keep import Decisions, Keep, keep_whole_test
 from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.step import SUBSTEPS
+from cornerforge.sim.traffic import naming_tests
 from cornerforge.sim.world import AV_CRASH, BV_CRASH, VEHICLE, World, allocate_worlds, n_slots, world_of
 from cornerforge.types import FRAME_S, Crash, Odd, Scenario
 
@@ -64,7 +65,8 @@ class Recorder:
         check_integer("seed", seed, low=0, high=2**63 - 1)
         check_integer("test", test, low=0, high=2**62)
         self._keep.recording["present"] = 0
-        self._drive(seed, test)
+        with naming_tests(self._world):
+            self._drive(seed, test)
         warn_of_left_out(self._scratch)
 
     def record(self, seed: int, test: int) -> Scenario:

@@ -15,6 +15,7 @@ from cornerforge.sim.keep import Outcomes, Windows, allocate_outcomes, keep_noth
 from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.statistics import Census, Counts, allocate_counts, census_of
+from cornerforge.sim.traffic import naming_tests
 from cornerforge.sim.world import AV_CRASH, AV_FAULT, allocate_worlds, world_of
 from cornerforge.types import METRES_PER_MILE
 
@@ -98,15 +99,9 @@ def drive_chunk(
     """
     out, counts = allocate_outcomes(count), allocate_counts()
     scratch = allocate_scratch(slots, setting.who.policy)
-    drive_range(
-        seed,
-        first,
-        setting,
-        world_of(allocate_worlds(1, slots)),
-        scratch,
-        keep_nothing(slots, counts=counts, census=census_of(counting)),
-        out,
-    )
+    world, keep = world_of(allocate_worlds(1, slots)), keep_nothing(slots, counts=counts, census=census_of(counting))
+    with naming_tests(world):
+        drive_range(seed, first, setting, world, scratch, keep, out)
     warn_of_left_out(scratch)
     return out, counts
 
@@ -120,7 +115,8 @@ def drive_chunk_by_window(
     """
     out = allocate_outcomes(count)
     world, scratch = world_of(allocate_worlds(1, slots)), allocate_scratch(slots, setting.who.policy)
-    drive_windows(seed, first, setting, world, scratch, keep_nothing(slots, census=census), windows, out)
+    with naming_tests(world):
+        drive_windows(seed, first, setting, world, scratch, keep_nothing(slots, census=census), windows, out)
     return out
 
 

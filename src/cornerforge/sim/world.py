@@ -101,6 +101,8 @@ RUNNING, COMPLETED, AV_CRASH, BV_CRASH, TIME_UP = range(5)
 removed."""
 AV_FAULT = 5
 """Outcome code of a test that does not count: an AV from outside raised, hung, or gave no usable answer in it."""
+UNDRAWN = 7
+"""Outcome code of a world whose traffic at the start could not be drawn; `UndrawableError` ends whatever drives it."""
 IDLE = -1
 """Outcome code of a world that drives no test."""
 NO_VEHICLE = -1

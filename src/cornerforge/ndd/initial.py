@@ -1,0 +1,207 @@
+"""Traffic at the start of a test: the numbers of its law, which values they may have, and whether it can be drawn.
+
+Kernels draw speeds and gaps until they suit (`sim/traffic.py`). A law of which hardly anything suits is refused here,
+where a model enters (docs/adr/0049-no-endless-drawing.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_number
+from cornerforge.errors import FileFormatError, InputError
+from cornerforge.types import CLASSES
+
+__all__ = ["LEAST_ACCEPTED", "InitialState", "accepted_share", "check_initial", "check_numbers"]
+
+Floats = NDArray[np.float64]
+
+LEAST_ACCEPTED = 0.02
+"""Least share of draws that must suit. A kernel gives up after 10,000 refused draws in a row: at this share the chance
+of that is 1e-88."""
+_SIGMAS = (-4.0, -2.0, 0.0, 2.0, 4.0)
+"""Mean speeds of tests, and speeds in them, that are looked at, in standard deviations; not both at an outer one."""
+_LEVELS = 24
+"""Equally frequent values that stand for a random number."""
+_NORMAL: Floats = np.array([NormalDist().inv_cdf((k + 0.5) / _LEVELS) for k in range(_LEVELS)])
+_UNIFORM: Floats = (np.arange(_LEVELS) + 0.5) / _LEVELS
+
+
+def _number(default: float, low: float, high: float, *, unit: str | None = None, at_most: str | None = None) -> Any:
+    """Declare a number: its default, the values that it may have, its unit, and the number that it may not exceed."""
+    said = {"unit": unit, "within": (low, high), "at_most": at_most}
+    return field(default=default, metadata={name: what for name, what in said.items() if what is not None})
+
+
+@dataclass(frozen=True)
+class InitialState:
+    """Traffic at the start of a test: a chain of vehicles per lane.
+
+    All lanes of one test share a mean speed m, normal with `speed_mean` and `stream_sd`. Speeds are normal about m with
+    `speed_sd`, cut to [speed_low, speed_high]. The next vehicle ahead follows with probability `follow_share`, at a
+    time gap of `time_gap_shift` plus a log-normal part, else at a uniform free gap. Its speed is m + sqrt(1 - (s /
+    speed_sd)^2) (v - m) + s z with s = rr_scale (gap / 20)^rr_exponent, at most speed_sd, and z standard normal, which
+    keeps the distribution of speeds along the chain. States with a time to collision below `min_ttc` are drawn again.
+
+    What stays with a driver: its desired speed, given its speed v normal with mean m + desire_share (v - m), so that
+    `desire_share` of the variance of speeds lies between drivers; and its habit (`Memory`), for a follower one minus
+    the quantile of its time gap, give or take `habit_spread` (1: independent of it). How long its undisturbed lane
+    changes take is log-normal, cut to [change_low, change_high]; a `change_median` of 0: all take as long as the ODD
+    says. `signal_share` of the drivers set the indicator before they change lanes. Its noise level t, -1 to 1: it uses
+    the outer quarters of the acceleration's distribution with density 1 + t (`memory.own_rank`). The odds of an
+    acceleration there, (1 + t) / (1 - t), are log-normal with median 1 and `noise_spread`. How many times as often
+    as all drivers it begins to look away is log-normal with mean 1 and `vigilance_sigma`, cut at 20.
+
+    Each field's metadata say its unit, `within` which values a model may have it, and which other field it must be
+    `at_most`. The ranges are wide: what lies beyond is no highway.
+    """
+
+    speed_mean: float = _number(30.05, 0.0, 60.0, unit="m/s", at_most="speed_high")
+    stream_sd: float = _number(2.9, 0.0, 10.0, unit="m/s")
+    speed_sd: float = _number(1.65, 0.001, 25.0, unit="m/s")
+    speed_low: float = _number(20.0, 0.0, 60.0, unit="m/s", at_most="speed_mean")
+    speed_high: float = _number(40.0, 1.0, 80.0, unit="m/s")
+    follow_share: float = _number(0.682, 0.0, 1.0)
+    time_gap_shift: float = _number(0.265, 0.0, 5.0, unit="s")
+    time_gap_median: float = _number(0.92, 0.01, 10.0, unit="s")
+    time_gap_sigma: float = _number(0.68, 0.0, 2.0)
+    desire_share: float = _number(0.33, 0.0, 1.0)
+    habit_spread: float = _number(1.0, 0.0, 1.0)
+    rr_scale: float = _number(0.8, 0.0, 1000.0, unit="m/s")
+    rr_exponent: float = _number(0.46, 0.0, 3.0)
+    min_ttc: float = _number(2.5, 0.0, 20.0, unit="s")
+    free_gap_low: float = _number(120.0, 1.0, 1000.0, unit="m", at_most="free_gap_high")
+    free_gap_high: float = _number(300.0, 1.0, 1000.0, unit="m")
+    change_median: float = _number(4.8, 0.0, 30.0, unit="s")
+    change_sigma: float = _number(0.35, 0.0, 2.0)
+    change_low: float = _number(3.4, 0.5, 30.0, unit="s", at_most="change_high")
+    change_high: float = _number(13.6, 0.5, 30.0, unit="s")
+    signal_share: float = _number(0.52, 0.0, 1.0)
+    noise_spread: float = _number(0.183, 0.0, 2.0)
+    vigilance_sigma: float = _number(0.8, 0.0, 1.5)
+
+
+def check_numbers(part: Any) -> None:
+    """Check a dataclass's numbers against what their metadata say: `within` (low, high), `at_most` another field.
+
+    Raises:
+        FileFormatError: One is no finite number, out of its range, or above the other; the message names it.
+    """
+    for one in fields(part):
+        if "within" in one.metadata:
+            low, high = one.metadata["within"]
+            try:
+                check_number(one.name, getattr(part, one.name), low=low, high=high, unit=one.metadata.get("unit", ""))
+            except InputError as error:
+                raise FileFormatError(f"Model number {error}") from error
+    for one in fields(part):
+        value, other = getattr(part, one.name), one.metadata.get("at_most")
+        if other is not None and value > getattr(part, other):
+            raise FileFormatError(
+                f"Model number {one.name} = {value} is above {other} = {getattr(part, other)}; it must not be."
+            )
+
+
+def check_initial(initial: InitialState) -> None:
+    """Check that traffic can be drawn: of each draw, in any likely state, at least `LEAST_ACCEPTED` must suit.
+
+    Speeds by their normal distribution, neighbours by equally frequent values of their random numbers; some 5 ms.
+
+    Args:
+        initial: Its numbers are within their ranges (`check_numbers`).
+
+    Raises:
+        FileFormatError: Hardly any draw would suit; the message names the numbers that refuse most.
+    """
+    low, high, sd = initial.speed_low, initial.speed_high, initial.speed_sd
+    inside = NormalDist().cdf((high - low) / sd) - 0.5  # about a mean at either end: there the fewest suit
+    if inside < LEAST_ACCEPTED:
+        raise FileFormatError(
+            f"Hardly any speed can be drawn: {_percent(inside)} with speed_sd = {sd:g} m/s about speed_low = {low:g} "
+            f"m/s lie between it and speed_high = {high:g} m/s; {_percent(LEAST_ACCEPTED)} must. Take a smaller "
+            "speed_sd or limits farther apart."
+        )
+    for ahead in (True, False):
+        for factor in sorted({user.time_gap for user in CLASSES}):
+            for sigma in _SIGMAS:
+                mean = min(max(initial.speed_mean + sigma * initial.stream_sd, low), high)
+                others = [other for other in _SIGMAS if abs(sigma) + abs(other) < 8.0]
+                speeds = np.clip(mean + sd * np.array(others), low, high)
+                accepted, refused = accepted_share(initial, speeds, mean, ahead=ahead, factor=factor)
+                worst = int(accepted.argmin())
+                if accepted[worst] < LEAST_ACCEPTED:
+                    reason = max(refused, key=lambda name: float(refused[name][worst]))
+                    raise FileFormatError(
+                        f"Hardly any vehicle {'ahead of' if ahead else 'behind'} one at {speeds[worst]:.3g} m/s can be "
+                        f"drawn: {_percent(float(accepted[worst]))} suit where traffic has a mean of {mean:.3g} m/s; "
+                        f"{_percent(LEAST_ACCEPTED)} must. Most are refused by {_said(initial, reason)}."
+                    )
+
+
+_REASONS = {
+    "speed": ("speed_low", "speed_high", "speed_sd", "rr_scale"),
+    "near": ("time_gap_shift", "time_gap_median", "time_gap_sigma"),
+    "far": ("free_gap_low", "time_gap_shift", "time_gap_median", "time_gap_sigma"),
+    "ttc": ("min_ttc", "rr_scale", "speed_sd"),
+}
+"""By the reason for which a draw is refused, the numbers that decide it."""
+
+
+def _said(initial: InitialState, reason: str) -> str:
+    named = ", ".join(f"{name} = {getattr(initial, name):g}" for name in _REASONS[reason])
+    why = {
+        "speed": "a speed out of its limits",
+        "near": "a gap below 1 m",
+        "far": "a follower's gap above free_gap_low",
+        "ttc": "a time to collision below min_ttc",
+    }
+    return f"{why[reason]} ({named})"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} % of draws"
+
+
+def accepted_share(
+    initial: InitialState, speeds: Floats, mean: float, *, ahead: bool, factor: float = 1.0
+) -> tuple[Floats, dict[str, Floats]]:
+    """Compute which share of draws of a neighbour suits: what `sim.traffic` draws, over equally frequent values.
+
+    Args:
+        initial: The law.
+        speeds: Of the vehicle whose neighbour is drawn [m/s], (n,).
+        mean: The mean speed of the lane's traffic [m/s].
+        ahead: The neighbour is ahead of it; else behind.
+        factor: The follower's time gap in parts of a car's (`types.RoadUser.time_gap`).
+
+    Returns:
+        The share, (n,); and by reason the share that is refused for it, (n,), a draw for each of its reasons.
+    """
+    own, z = speeds[:, None, None], _NORMAL
+    time_gap = factor * (initial.time_gap_shift + initial.time_gap_median * np.exp(initial.time_gap_sigma * z[:, None]))
+    free_gap = initial.free_gap_low + (initial.free_gap_high - initial.free_gap_low) * _UNIFORM[:, None]
+    accepted = np.zeros(speeds.size)
+    refused = {name: np.zeros(speeds.size) for name in _REASONS}
+    for follows, weight in ((True, initial.follow_share), (False, 1.0 - initial.follow_share)):
+        gap = own * time_gap if follows else np.broadcast_to(free_gap, (speeds.size, _LEVELS, 1))
+        spread = initial.rr_scale * (gap / 20.0) ** initial.rr_exponent
+        part = np.minimum(spread / initial.speed_sd, 1.0)
+        other = mean + np.sqrt(1.0 - part * part) * (own - mean) + part * initial.speed_sd * z
+        if follows and not ahead:
+            gap = other * time_gap
+        closing = own - other if ahead else other - own
+        reasons = {
+            "speed": (other < initial.speed_low) | (other > initial.speed_high),
+            "near": np.broadcast_to(gap < 1.0, other.shape),
+            "far": np.broadcast_to(follows & (gap > initial.free_gap_low), other.shape),
+            "ttc": gap < initial.min_ttc * closing,
+        }
+        accepted += weight * (~np.logical_or.reduce(list(reasons.values()))).mean(axis=(1, 2))
+        for name, is_refused in reasons.items():
+            refused[name] += weight * is_refused.mean(axis=(1, 2))
+    return accepted, refused
