@@ -6,8 +6,11 @@ compares a text with a file below `tests/golden/`; `make golden` writes these fi
 
 from __future__ import annotations
 
+import os
 import secrets
+import shutil
 import signal
+import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -30,6 +33,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    # AVs that tests name are not kept as if this user had named them (`pipeline.named_avs`).
+    state = tempfile.mkdtemp(prefix="cornerforge-tests-")
+    config.add_cleanup(lambda: shutil.rmtree(state, ignore_errors=True))
+    os.environ["XDG_STATE_HOME"] = state
     # A background job of a shell ignores Ctrl-C, and so would all programs that tests start and interrupt.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -362,8 +362,10 @@ KINDS = (
     Kind("case file", "case files", "case-file", ("imported/cases", "imported/cases/*.json"), (
         Door("read", _read_case, 12), Door("retest", f"retest imported/cases --av idm-mobil {_ONE}", 1),
     ), 80, ("facts*", "name", "licence", "*description*")),
-    Kind("config", "options", "config", ("c.toml",), (Door("simulate", "simulate --config c.toml --json"),), 40,
-    waits=True),
+    Kind(
+        "config", "options", "config", ("c.toml",), (Door("simulate", "simulate --config c.toml --json"),), 40,
+        waits=True,
+    ),
     Kind("options", "options", "everything", (), (Door("words", ""),), 60, words=hostile_options, plain=plain_options),
     Kind("output paths", "output paths", "library", (), (Door("words", ""),), 25, words=hostile_paths,
     plain=plain_path),

@@ -65,8 +65,8 @@ class Job:
 
 
 JOBS = {
-    "generate": Job("generate --policy swerve --cases 400 --out OUT", resumes=True),
-    "simulate": Job("simulate --bv swerve --tests 400 --stats --out OUT", resumes=True),
+    "generate": Job("generate --policy swerve --cases 150 --out OUT", resumes=True),
+    "simulate": Job("simulate --bv swerve --tests 150 --stats --out OUT", resumes=True),
     "rate mc": Job(
         "rate --method mc --av flawed-not-behind --max-tests 6000 --target-rhw 0.001 --out OUT", resumes=True
     ),
@@ -118,7 +118,7 @@ def make_small() -> None:
     rate.PLAIN_TESTS = 2_000  # type: ignore[attr-defined]
     rate.TREES = splitting.TREES = 1_000  # type: ignore[attr-defined]
     generate = import_module("cornerforge.pipeline.generate")
-    generate._SHARD_CASES, generate._COMMIT_SECONDS = 60, 0.1  # type: ignore[attr-defined]
+    generate._SHARD_CASES, generate._COMMIT_SECONDS = 40, 0.05  # type: ignore[attr-defined]
     run, reproduce = import_module("cornerforge.pipeline.run"), import_module("cornerforge.paper.bench")
     run.EFFORTS["quick"] = run.Effort(
         nde_tests=2_000, natural_tests=3_000, natural_rhw=0.3, decisions=6_144, evaluation_tests=64, exposure_tests=64,
@@ -315,6 +315,7 @@ class Count:
     doubled: int = 0
     different: int = 0
     leftovers: int = 0
+    is_broken: bool = False
     faults: list[str] = field(default_factory=list)
 
     @property
@@ -401,7 +402,7 @@ class Killer:
     def killed(self, job: Job, wanted: Undisturbed, count: Count, most: int) -> None:
         """Kill a command some times, and let it end."""
         place, notes = self._place()
-        kills = min(most, 1 + int(self.random.expovariate(0.7)))
+        kills = min(most, 1 + int(self.random.expovariate(0.35)))
         how: list[str] = []
         for _ in range(kills):
             if how:
@@ -600,11 +601,22 @@ def _all(killer: Killer, names: Sequence[str], kills: int, minutes: float | None
     while True:
         for name in names:
             done = sum(one.kills for one in counts.values())
-            if done >= kills or (minutes is not None and time.monotonic() - begun > 60.0 * minutes):
+            if (
+                done >= kills
+                or all(one.is_broken for one in counts.values())
+                or (minutes is not None and time.monotonic() - begun > 60.0 * minutes)
+            ):
                 return counts
             job, count = JOBS[name], counts[name]
+            if count.is_broken:
+                continue
             if name not in wanted:
-                wanted[name] = killer.undisturbed(job)
+                try:
+                    wanted[name] = killer.undisturbed(job)
+                except (RuntimeError, TimeoutError) as error:
+                    count.is_broken = True
+                    count.fault(job.words, None, str(error))
+                    continue
                 killer.full(job, wanted[name], count, small=None)
                 if small is not None:
                     killer.full(job, wanted[name], count, small=small)

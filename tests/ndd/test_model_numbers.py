@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cornerforge._checksums import write_arrays
+from cornerforge._checksums import read_arrays, write_arrays
 from cornerforge.errors import FileFormatError
 from cornerforge.ndd.model import default_model_path, load_model
 
@@ -34,13 +34,12 @@ IMPOSSIBLE = {
 
 @pytest.mark.parametrize("name", IMPOSSIBLE)
 def test_an_impossible_number_is_refused_by_name(tmp_path: Path, name: str) -> None:
-    with np.load(default_model_path()) as file:
-        content = {name: file[name] for name in file.files if name != "checksums"}
+    content = read_arrays(default_model_path(), "model")
     header = json.loads(str(content["header"]))
     *where, last = name.split(".")
     (header[where[0]] if where else header)[last] = IMPOSSIBLE[name]
     path = tmp_path / "model.npz"
-    write_arrays(path, content | {"header": np.array(json.dumps(header))})
+    write_arrays(path, content | {"header": np.array(json.dumps(header))}, "the model")
     with pytest.raises(FileFormatError, match=last) as refused:
         load_model(path)
     assert str(path) in str(refused.value)

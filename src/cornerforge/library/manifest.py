@@ -24,6 +24,7 @@ from cornerforge.errors import FileFormatError, InputError
 from cornerforge.library.schema import (
     EXTRA_TYPES,
     FILE_FIELDS,
+    IDENTITY_FIELDS,
     MANIFEST_FIELDS,
     ON_RAILS,
     SCHEMA_VERSION,
@@ -216,6 +217,9 @@ def _relation_fault(content: Mapping[str, Any]) -> str | None:
             return f'"{place}.cases" is {shard["cases"]}; it must be at most the number of its tests'
         before, cases = last, cases + shard["cases"]
     run = content["run"]
+    fault = object_fault(run, [field for field in IDENTITY_FIELDS if field.name in run], "run")
+    if fault is not None:
+        return fault
     version = schema_version(scripted=run.get(SCRIPTED) is True, on_rails=run.get(ON_RAILS) is True)
     if content["schema_version"] != version:
         return f'"schema_version" is {content["schema_version"]}; of what "run" says it must be {version}'

@@ -19,6 +19,7 @@ from cornerforge.sim import START_FIELDS
 __all__ = [
     "EXTRA_TYPES",
     "FILE_FIELDS",
+    "IDENTITY_FIELDS",
     "MANIFEST_FIELDS",
     "ON_RAILS",
     "RAILS_TRACKS",
@@ -90,6 +91,28 @@ MANIFEST_FIELDS: tuple[Field, ...] = (
     Field("sha256", "string", "", "Of the other keys; may be missing in libraries of version 0.1."),
 )
 """What a manifest holds."""
+
+IDENTITY_FIELDS: tuple[Field, ...] = (
+    Field("seed", "int64", "", "Seed of the tests.", (0, 2**63 - 1)),
+    Field("odd", "string", "", "Name of the ODD."),
+    Field("lanes", "int64", "", "Lanes of the road.", (1, 6)),
+    Field("av", "string", "", "The AV, as it was named."),
+    Field("av_hash", "string", "", "Hash of its parameters, weights or code; null: several AVs."),
+    Field("model_hash", "string", "", "Hash of what decides how the naturalistic model drives."),
+    Field("bv", "string", "", "What drives the BVs."),
+    Field("bounded", "bool", "", "The adversary takes only actions that the naturalistic model can take."),
+    Field("budget", "float64", "nats", "Likelihood budget; null: no limit.", (0.0, 1e6)),
+    Field("acting", "string", "", "How policies act: greedily, or at random."),
+    Field("policies", "int64", "", "How many policies drive, in turn.", (0, 10_000)),
+    Field("policy_hash", "string", "", "Hash of them; null: none."),
+    Field("av_steers", "bool", "", "The AV steers; may be missing: it does not."),
+    Field("config_hash", "string", "", "Hash of the settings; may be missing in early libraries."),
+    Field("cornerforge", "string", "", "Version that drove; may be missing."),
+    Field("code", "string", "", "Hash of the code that drove; may be missing."),
+    Field("scripted", "bool", "", "All cases are scripted; may be missing: they are tests of the seed."),
+    Field("on_rails", "bool", "", "The other vehicles are on rails; may be missing: they drive."),
+)
+"""What `run` of a library's manifest, and `identity` of a provenance, hold of an experiment; commands add keys."""
 
 SHARD_FIELDS: tuple[Field, ...] = (
     Field("cases", "int64", "", "How many cases it holds.", (1, 2**31 - 1)),

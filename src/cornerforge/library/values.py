@@ -252,8 +252,8 @@ TRACK_RELATIONS: tuple[Relation, ...] = (
     ),
     Relation("start", "the numbers of a start for each vehicle of slot", ("slot",), _start),
     Relation(
-        "rails", f"{POSE_NUMBERS} numbers for each frame and vehicle", ("slot", "n_frames"),
-        _has("rails", lambda v, _: POSE_NUMBERS * _frames(v)),
+        "rails", f"{POSE_NUMBERS} numbers for each vehicle of slot at each of some frames", ("slot",),
+        lambda v, _: (v["rails"].sizes > 0) & (v["rails"].sizes % (POSE_NUMBERS * v["slot"].sizes) == 0),
     ),
 )  # fmt: skip
 """Of the trajectories of a shard, and between them and its cases."""

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge._table_checks import read_parquet
-from cornerforge.errors import CornerForgeError
 from cornerforge.interchange.cases import Fact, OutCase
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.natural import natural_weights
@@ -70,10 +69,9 @@ def _fact(value: Any) -> Fact:
 
 def _licence(model: Path) -> str | None:
     """Look up what the licence of the naturalistic model's data is; None: it does not say."""
-    try:
-        said = load_model(model).provenance.get("licence")
-    except CornerForgeError:
+    if not model.is_file():
         return None
+    said = load_model(model).provenance.get("licence")
     return None if said is None else str(said)
 
 

@@ -16,15 +16,18 @@ from cornerforge._table_checks import read_parquet
 from cornerforge.adversary.policy_file import load_policy
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.fields import REALS
+from cornerforge.foreign.loaders import is_foreign
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.library.query import MEGABYTES, SECONDS, run_sql
+from cornerforge.library.schema import IDENTITY_FIELDS
 from cornerforge.pictures.moments import partner_of
 from cornerforge.pipeline.generate import MODEL_FILE, policy_file
+from cornerforge.pipeline.named_avs import check_named
 from cornerforge.pipeline.output import code_hash
 from cornerforge.pipeline.picture import check_picture, check_video, way_out_of, write_picture, write_video
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.pipeline.setting import IDENTITY_FIELDS, Experiment, experiment
+from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.results import Queried, Replayed
 from cornerforge.sim import scenario_digest
 from cornerforge.types import Scenario
@@ -42,6 +45,7 @@ def experiment_of(cases: CaseLibrary, **asked: Unpack[AvProcessKeywords]) -> Exp
 
     Raises:
         FileFormatError: A file is missing or is not the one of the library.
+        InputError: Its AV is from outside, and the user has not named it.
     """
     _check_told(cases, ("av",))
     if cases.identity["av"] == SEVERAL:
@@ -49,6 +53,8 @@ def experiment_of(cases: CaseLibrary, **asked: Unpack[AvProcessKeywords]) -> Exp
             f"The cases of {cases.path} were made by several AVs, so there is none to drive them with again; drive "
             f"them with two of your choice: cornerforge retest {cases.path} --av NEW --baseline OLD"
         )
+    if is_foreign(str(cases.identity["av"])):
+        check_named(str(cases.identity["av"]), cases.path)
     world = WorldOptions(av=str(cases.identity["av"]), **asked)
     return experiment_with(cases, world, changed=())
 

@@ -67,7 +67,7 @@ class _Bench:
         self.pace = Pace(timeout, FIRST_TIMEOUT)
         self.few, self.many, self.hangs = _BATCH, _MANY, 0
         self._session: AvSession | None = None
-        self._batch = 0
+        self._batch, self._loading = 0, 0.0
         self.checks: list[AvCheck] = []
         self.about: dict[str, str] = {}
 
@@ -85,7 +85,9 @@ class _Bench:
             self.close()
             context = context_of(self._odd, batch=batch, seed=self._seed)
             session = AvSession(self._spec, context, road_numbers(self._odd), self.pace, self._start)
+            begun = time.perf_counter()
             self.about = session.process().about
+            self._loading = max(self._loading, time.perf_counter() - begun)
             self._session, self._batch = session, batch
         return self._session
 
@@ -98,7 +100,8 @@ class _Bench:
     def start(self) -> None:
         """Ask about one world, and choose by the AV's speed how many it is asked about in trials.
 
-        A process of it that starts later has less time for its first answer, now that it is known what that takes.
+        A process of it that starts later has less time to load and for its first answer, now that it is known what
+        these take.
         """
         begun, view = time.perf_counter(), edge_case(next(iter(EDGE_CASES)), self._odd)[None, None].astype(np.float32)
         try:
@@ -109,7 +112,7 @@ class _Bench:
             if self.hangs:
                 raise
             return  # the trials will say so
-        self.pace.first_timeout = min(FIRST_TIMEOUT, self.pace.timeout + 3.0 * took)
+        self.pace.first_timeout = min(FIRST_TIMEOUT, self.pace.timeout + 3.0 * max(took, self._loading))
         alone = self.pace.usual(1)
         if alone * _BATCH > _CALL_SECONDS:
             self.few = max(2, int(_CALL_SECONDS / alone))

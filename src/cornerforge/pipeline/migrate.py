@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
+from cornerforge._arguments import checked
 from cornerforge._arrow import arrow_field
 from cornerforge._files import reason, writing
 from cornerforge._locks import claims
@@ -26,6 +27,7 @@ from cornerforge.types import CAR, Odd
 __all__ = ["migrate"]
 
 
+@checked
 @claims()
 def migrate(library: Path | str, *, out: Path | str, progress: Progress = NO_PROGRESS) -> Migrated:
     """Write a library of an earlier version anew, with the present columns and checksums; the old one stays as it is.

@@ -33,6 +33,7 @@ __all__ = [
     "open_output",
     "provenance",
     "read_json_file",
+    "remove_folder",
     "version",
     "whole_or_nothing",
     "write_json",
@@ -205,6 +206,20 @@ def whole_or_nothing(folder: Path, names: Sequence[str]) -> Iterator[None]:
         with suppress(OSError):
             (folder / IDENTITY).unlink(missing_ok=True)
         raise
+
+
+def remove_folder(folder: Path) -> None:
+    """Remove a folder with all that is in it, if it is there.
+
+    Raises:
+        OutputError: It cannot be removed.
+    """
+    try:
+        shutil.rmtree(folder)
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise OutputError(f"Cannot remove {folder}: {reason(error)}; make it writable.") from error
 
 
 def _claimed(folder: Path) -> set[str]:

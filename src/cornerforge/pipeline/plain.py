@@ -14,14 +14,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from cornerforge.errors import CornerForgeError
+from cornerforge.errors import CornerForgeError, FileFormatError
 from cornerforge.foreign.driver import answers_per_test
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.ndd.model import save_model
 from cornerforge.pipeline.counting import rate_summary
 from cornerforge.pipeline.crashes import NaturalCrashes, crash_tables
 from cornerforge.pipeline.generate import MODEL_FILE
-from cornerforge.pipeline.output import code_hash, open_output, read_json_file, version, write_json
+from cornerforge.pipeline.output import code_hash, open_output, read_json_file, remove_folder, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress, moving
 from cornerforge.pipeline.setting import AV_LOG, Experiment
 from cornerforge.rates import binomial_interval, poisson_interval
@@ -125,6 +125,17 @@ class PlainTests:
     def take(self, counts: MonteCarlo, travel: BvTravel, reason: str) -> None:
         """Take over tests that were driven elsewhere, and what their BVs drove, instead of driving any."""
         self.counts, self._travel, self.reason = counts, travel, reason
+
+    def leave_to_trees(self) -> None:
+        """Remove the library that an interrupt or a long count began: by trees, crashes are in another one."""
+        if self.out is None:
+            return
+        library = self.out / "library"
+        with contextlib.suppress(FileFormatError):
+            if CaseLibrary.open(library).finished:  # an earlier call counted to the end
+                return
+        remove_folder(library)
+        self._keeper = None
 
     def drive(self, target: float, max_tests: int) -> str:
         """Drive until the interval is narrow enough ("target") or `max_tests` are done ("max_tests")."""

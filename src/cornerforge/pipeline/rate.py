@@ -178,6 +178,7 @@ def _count(session: PlainTests, target: float, max_tests: int) -> NaturalRate:
 def _split(session: PlainTests, split: Splitting, reason: str, target: float, max_tests: int) -> NaturalRate:
     """Find the rate by trees of tests; if they find no crash, the plain tests' rate and interval stand, in doubt."""
     plain = session.counts
+    session.leave_to_trees()
     split.start()
     state = split.drive(target, max(TREES, max_tests - plain.tests - split.taught.tests))
     found = split.rate

@@ -17,13 +17,13 @@ from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.execution import default_threads, is_spread
-from cornerforge.fields import Field
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.interpreter import Confines
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.foreign.recorder import ForeignRecorder
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
 from cornerforge.pipeline.av_file import av_of
+from cornerforge.pipeline.named_avs import remember
 from cornerforge.pipeline.output import config_hash
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import (
@@ -50,7 +50,6 @@ from cornerforge.world_options import WorldKeywords, WorldOptions
 
 __all__ = [
     "AV_LOG",
-    "IDENTITY_FIELDS",
     "RECORDED_AV",
     "TEMPERATURE",
     "Experiment",
@@ -67,25 +66,6 @@ AV_LOG = "av.log"
 """File in an output folder that keeps what a foreign AV prints."""
 TEMPERATURE = 0.05
 """Temperature of `softmax` without a number [units of Q]: actions with nearly equal Q are taken nearly as often."""
-
-
-IDENTITY_FIELDS: tuple[Field, ...] = (
-    Field("seed", "int64", "", "Seed of the tests.", (0, 2**63 - 1)),
-    Field("odd", "string", "", "Name of the ODD."),
-    Field("lanes", "int64", "", "Lanes of the road.", (1, 6)),
-    Field("av", "string", "", "The AV, as it was named."),
-    Field("av_hash", "string", "", "Hash of its parameters, weights or code; null: several AVs."),
-    Field("model_hash", "string", "", "Hash of what decides how the naturalistic model drives."),
-    Field("bv", "string", "", "What drives the BVs."),
-    Field("bounded", "bool", "", "The adversary takes only actions that the naturalistic model can take."),
-    Field("budget", "float64", "nats", "Likelihood budget; null: no limit.", (0.0, 1e6)),
-    Field("acting", "string", "", "How policies act: greedily, or at random."),
-    Field("policies", "int64", "", "How many policies drive, in turn.", (0, 10_000)),
-    Field("policy_hash", "string", "", "Hash of them; null: none."),
-    Field("av_steers", "bool", "", "The AV steers; may be missing: it does not."),
-    Field("config_hash", "string", "", "Hash of the settings; may be missing in early libraries."),
-)
-"""What `run` of a library's manifest, and `identity` of a provenance, hold of an experiment; commands add keys."""
 
 
 @dataclass(frozen=True)
@@ -402,6 +382,7 @@ def experiment(
     numbers = [policy_numbers(p) for p in policies]
     foreign = None
     if is_foreign(av):
+        remember(av)
         foreign = ForeignAv(
             av,
             road,

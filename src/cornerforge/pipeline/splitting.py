@@ -10,7 +10,6 @@ nearly a sample of what happens.
 from __future__ import annotations
 
 import hashlib
-import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,16 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checksums import read_arrays, write_arrays
-from cornerforge._files import reason
 from cornerforge.analysis.mechanism import crash_types_of, mechanism_of
-from cornerforge.errors import FileFormatError, OutputError
+from cornerforge.errors import FileFormatError
 from cornerforge.foreign.recorder import ForeignRecorder
 from cornerforge.foreign.trees import ForeignGrower
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.library.schema import SCRIPTED
 from cornerforge.ndd.model import save_model
 from cornerforge.pipeline.generate import MODEL_FILE
-from cornerforge.pipeline.output import code_hash, version
+from cornerforge.pipeline.output import code_hash, remove_folder, version
 from cornerforge.pipeline.progress import Progress
 from cornerforge.pipeline.setting import Experiment
 from cornerforge.rates import poisson_interval, weighted_interval
@@ -360,11 +358,7 @@ class Splitting:
 
     def _store(self, place: Path, records: list[CaseRecord]) -> None:
         """Write the library anew: with more trees other crashes are picked."""
-        if place.exists():
-            try:
-                shutil.rmtree(place)
-            except OSError as error:
-                raise OutputError(f"Cannot replace {place}: {reason(error)}; make it writable.") from error
+        remove_folder(place)
         seed = self._tree_seed
         identity = {**self._run.identity(seed), SCRIPTED: True, "cornerforge": version(), "code": code_hash()}
         library = CaseLibrary.create(place, identity, self._run.odd)

@@ -1,0 +1,69 @@
+"""Which AVs from outside this user has named, and where: a library that asks for another one does not get it started.
+
+A library says which AV made it, and an AV from outside is code. Who sends a library could write any command there. So
+an AV is started for a library only if the user has named it before, in the same folder: on a command line, in a config
+or in Python. The names are kept in a file of the user, as a browser keeps the hosts that it knows.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+from cornerforge.errors import InputError
+
+__all__ = ["check_named", "remember"]
+
+_HERE: set[str] = set()
+"""What was named in this process: for users without a home, and homes that cannot be written."""
+
+
+def _file() -> Path | None:
+    """Name the file of names; None for a user without a home."""
+    with contextlib.suppress(RuntimeError):
+        state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+        return Path(state) / "cornerforge" / "named-avs"
+    return None
+
+
+def _line(spec: str) -> str:
+    return json.dumps([os.getcwd(), spec])
+
+
+def _known() -> Iterator[str]:
+    yield from _HERE
+    file = _file()
+    if file is not None:
+        with contextlib.suppress(OSError, UnicodeDecodeError):
+            yield from file.read_text(encoding="utf-8").splitlines()
+
+
+def remember(spec: str) -> None:
+    """Keep that the user has named an AV from outside in this folder."""
+    line = _line(spec)
+    if line in _known():
+        return
+    _HERE.add(line)
+    file = _file()
+    if file is not None:
+        with contextlib.suppress(OSError):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            with file.open("a", encoding="utf-8") as names:
+                names.write(line + "\n")
+
+
+def check_named(spec: str, library: Path) -> None:
+    """Check that the user has named an AV from outside before a library lets it start.
+
+    Raises:
+        InputError: Nobody has, in this folder.
+    """
+    if _line(spec) not in _known():
+        raise InputError(
+            f"{library} was made by an AV from outside, {spec!r}, which you have not named in this folder, so it is "
+            f"not started. If you trust it: cornerforge check-av {shlex.quote(spec)}, then again."
+        )
