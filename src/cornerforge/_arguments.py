@@ -134,5 +134,5 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 def _keywords(function: Callable[..., Any], annotation: str) -> Mapping[str, Any]:
     """Find the `TypedDict` that `Unpack[...]` names."""
     named = annotation.removeprefix("Unpack[").removesuffix("]")
-    found: Mapping[str, Any] = function.__globals__[named].__annotations__
+    found: Mapping[str, Any] = inspect.unwrap(function).__globals__[named].__annotations__
     return found

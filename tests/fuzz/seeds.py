@@ -113,7 +113,7 @@ def small_trees() -> Iterator[None]:
     rate, plain, splitting = (
         importlib.import_module(f"cornerforge.pipeline.{name}") for name in ("rate", "plain", "splitting")
     )
-    small = {
+    small: dict[str, Any] = {
         "_EXPLORING": 200,
         "_ROUNDS": (300,),
         "_OWN_ROUNDS": (200,),
@@ -238,6 +238,7 @@ def _everything(root: Path) -> None:
         ("policy", "p.safetensors"),
         ("tracks", "ngsim.csv"),
         ("case-file", "imported"),
+        ("scenarios", "osc"),
     )
     for seed, name in parts:
         whole = seed_folder(root, seed) / name
