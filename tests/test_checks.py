@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cornerforge._checks import check_finite, check_in, check_integer, check_is_json, check_number, spoken
+from cornerforge._checks import check_finite, check_in, check_integer, check_is_json, check_number, shown
 from cornerforge.errors import CornerForgeError, InputError, UnknownNameError
 
 
@@ -78,11 +78,11 @@ class Unwritable:
         raise RuntimeError
 
 
-def test_a_value_is_spoken_in_few_words() -> None:
-    assert spoken(np.zeros((2, 2))) == "array([[0., 0.], [0., 0.]])"
-    assert "Unwritable" in spoken(Unwritable())
-    assert spoken(10**5000) == "<int>"
-    assert len(spoken("x" * 10**6)) < 200
+def test_a_value_is_shown_in_few_words() -> None:
+    assert shown(np.zeros((2, 2))) == "array([[0., 0.], [0., 0.]])"
+    assert "Unwritable" in shown(Unwritable())
+    assert shown(10**5000) == "<int>"
+    assert len(shown("x" * 10**6)) < 200
 
 
 def test_what_json_holds_is_copied() -> None:

@@ -70,9 +70,9 @@ def check_integer(name: str, value: int, *, low: int, high: int | None = None) -
     """
     allowed = f"at least {low}" if high is None else f"from {low} to {high}"
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise InputError(f"{name} = {spoken(value)} is not a whole number; allowed: {allowed}.")
+        raise InputError(f"{name} = {shown(value)} is not a whole number; allowed: {allowed}.")
     if value < low or (high is not None and value > high):
-        raise InputError(f"{name} = {spoken(value)} is out of range; allowed: {allowed}.")
+        raise InputError(f"{name} = {shown(value)} is out of range; allowed: {allowed}.")
     return int(value)
 
 
@@ -84,7 +84,7 @@ def check_number(name: str, value: float, *, low: float, high: float, unit: str 
     """
     tail = f" {unit}" if unit else ""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise InputError(f"{name} = {spoken(value)} is not a number; allowed: {low} to {high}{tail}.")
+        raise InputError(f"{name} = {shown(value)} is not a number; allowed: {low} to {high}{tail}.")
     if not low <= value <= high:
         raise InputError(f"{name} = {value}{tail} is out of range; allowed: {low} to {high}{tail}.")
     return float(value)

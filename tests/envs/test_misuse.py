@@ -200,12 +200,14 @@ def test_a_second_thread_is_kept_out_while_the_first_is_in_a_kernel(name: str) -
         work, answers = getattr(env._batch, inside), list[str]()
 
         def meanwhile(*given: Any, work: Any = work, answers: list[str] = answers) -> None:
-            calls = (env.reset, lambda: env.step(ACTION[name]))
+            before = env._batch.tests.copy()
+            calls = (env.reset, lambda: env.step(ACTION[name]), env.render, env.action_masks)
             answers.extend(said(InputError, call) for call in calls)
+            assert (env._batch.tests == before).all()
             work(*given)
 
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(env._batch, inside, meanwhile)
             _ = env.reset(seed=0) if inside == "_start" else env.step(ACTION[name])
-        assert answers == ["Another thread is using this environment now; give each thread one of its own."] * 2
+        assert answers == ["Another thread is using this environment now; give each thread one of its own."] * 4
     env.step(ACTION[name])

@@ -174,19 +174,25 @@ class Batch(ABC):
         return vars(self)
 
     def check_open(self) -> None:
-        """Check that the worlds can still be used.
+        """Check that the worlds can be used now.
+
+        Kernels run beside Python, so that a second thread could look at worlds, or move them, while the first one does.
 
         Raises:
             ClosedError: `close` was called.
+            InputError: Another thread is at work.
         """
         if self._is_closed:
             raise ClosedError("The environment is closed; make another one.")
+        if self._is_busy:
+            raise InputError("Another thread is using this environment now; give each thread one of its own.")
 
     def check_begun(self) -> None:
         """Check that there is something to see in each world.
 
         Raises:
             ClosedError: `close` was called.
+            InputError: Another thread is at work.
             ResetNeededError: A world has not had a test yet.
         """
         self.check_open()
@@ -195,9 +201,7 @@ class Batch(ABC):
 
     @contextmanager
     def _alone(self) -> Iterator[None]:
-        """Keep a second thread out: kernels run beside Python, and two of them would mix up the worlds."""
-        if self._is_busy:
-            raise InputError("Another thread is using this environment now; give each thread one of its own.")
+        """Keep other threads out (`check_open`)."""
         self._is_busy = True
         try:
             yield
