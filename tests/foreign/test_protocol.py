@@ -63,7 +63,7 @@ def test_a_damaged_answer_is_a_fault(avs: Path) -> None:  # noqa: ARG001
     for _ in range(MUTATIONS):
         ours, theirs = socket.socketpair()
         with theirs:
-            process._connection = ours
+            process._connection = process._line = ours
             choices = recorded(process._question + 1, 4)
             theirs.sendall(mutated(choices[int(rng.integers(len(choices)))], rng))
             theirs.shutdown(socket.SHUT_WR)
@@ -88,7 +88,7 @@ def test_what_is_said_of_a_damaged_av_is_checked(avs: Path) -> None:  # noqa: AR
     for _ in range(500):
         ours, theirs = socket.socketpair()
         with theirs:
-            process._connection = ours
+            process._connection = process._line = ours
             theirs.sendall(mutated(pack_json(ANSWER, process._question + 1, said), rng))
             theirs.shutdown(socket.SHUT_WR)
             try:
@@ -107,7 +107,7 @@ def test_what_is_said_of_a_damaged_av_is_checked(avs: Path) -> None:  # noqa: AR
     for lie in lies:
         ours, theirs = socket.socketpair()
         with ours, theirs:
-            process._connection = ours
+            process._connection = process._line = ours
             theirs.sendall(pack_json(ANSWER, process._question + 1, said | lie))
             with pytest.raises(JunkError, match="it says of the AV"):
                 process._load()

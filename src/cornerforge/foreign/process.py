@@ -310,14 +310,10 @@ class AvProcess:
         self._connection.settimeout(timeout)
         try:
             self._connection.sendall(pack(kind, self._question, *parts))
-            kind, number, body = receive(self._connection, until)
+            kind, number, body = receive(self._connection, until, self._line)
             if kind not in (ANSWER, FAILED) or number != self._question:
                 raise JunkError(f"a message of kind {kind!r} for question {number}, to question {self._question}")
         except TimeoutError as error:
-            if self._process.poll() is not None:  # what it has left behind has the socket still
-                how = self._how_it_ended()
-                self.close()
-                raise AvFailureError("ended", how) from error
             self.close()
             together = f" for {driving} worlds" if driving > 1 else ""
             raise AvFailureError("hung", f"gave no answer within {timeout:.3g} s{together}") from error

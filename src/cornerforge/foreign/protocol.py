@@ -7,6 +7,7 @@ body. An answer has the number of its question.
 from __future__ import annotations
 
 import json
+import select
 import struct
 import time
 from typing import TYPE_CHECKING, Any
@@ -73,32 +74,40 @@ def unpack_json(body: bytes | bytearray) -> dict[str, Any]:
     return content
 
 
-def _exactly(connection: socket.socket, size: int, until: float | None) -> bytearray:
-    data = bytearray()
-    while len(data) < size:
-        if until is not None:
-            connection.settimeout(max(1e-3, until - time.monotonic()))
-        part = connection.recv(min(size - len(data), _MOST_AT_ONCE))
-        if not part:
-            raise EOFError
-        data += part
-    return data
-
-
-def receive(connection: socket.socket, until: float | None = None) -> tuple[bytes, int, bytearray]:
+def receive(
+    connection: socket.socket, until: float | None = None, line: socket.socket | None = None
+) -> tuple[bytes, int, bytearray]:
     """Read one frame: kind, number, body.
 
     Args:
         connection: The socket.
         until: When it must have come, by `time.monotonic` [s]; None: never.
+        line: Another socket, over which something comes only when no frame will.
 
     Raises:
-        EOFError: The other side has closed the connection.
+        EOFError: The other side has closed the connection, or something came over the line.
         JunkError: It is no frame, or one that is too long.
         TimeoutError: The frame did not come in time.
     """
-    head = bytes(_exactly(connection, _HEAD.size, until))
+    poll = select.poll()
+    poll.register(connection, select.POLLIN)
+    if line is not None:
+        poll.register(line, select.POLLIN)
+
+    def exactly(size: int) -> bytearray:
+        data = bytearray()
+        while len(data) < size:
+            ready = dict(poll.poll(None if until is None else max(0.0, 1000.0 * (until - time.monotonic()))))
+            if not ready:
+                raise TimeoutError
+            part = connection.recv(min(size - len(data), _MOST_AT_ONCE)) if connection.fileno() in ready else b""
+            if not part:
+                raise EOFError
+            data += part
+        return data
+
+    head = bytes(exactly(_HEAD.size))
     kind, number, size = _HEAD.unpack(head)
     if kind not in _KINDS or size > MOST_BYTES:
         raise JunkError(f"{head!r} begins no message")
-    return kind, number, _exactly(connection, size, until)
+    return kind, number, exactly(size)
