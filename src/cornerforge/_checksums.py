@@ -154,7 +154,8 @@ def write_tensors(path: Path, key: str, header: Mapping[str, Any], tensors: _Arr
         OutputError: It cannot be written; nothing is left of it then.
     """
     arrays = {name: np.asarray(array, order="C") for name, array in tensors.items()}  # as `save` needs them
-    metadata = {key: json.dumps(header, sort_keys=True), KEY: _header_checksum(header, arrays)}
+    # One key only: the library writes several in an order that differs from call to call.
+    metadata = {key: json.dumps({**header, KEY: _header_checksum(header, arrays)}, sort_keys=True)}
     # Not its own `save_file`: that gives the file to its owner only and reports a full disk as a fault of the format.
     content = save(arrays, metadata=metadata)
     with writing(path, what) as part:
@@ -192,9 +193,10 @@ def read_tensors(
         raise FileFormatError(f"Cannot read the {what} {path}: {reason(error)}.") from error
     except (SafetensorError, KeyError, TypeError, ValueError, AttributeError, MemoryError, RecursionError) as error:
         raise FileFormatError(f"{path} is damaged or no {what} ({type(error).__name__}: {error}); {advice}.") from error
-    if KEY not in metadata:
+    stated = header.pop(KEY, None)
+    if stated is None:
         note_absent(path)
-    elif metadata[KEY] != _header_checksum(header, tensors):
+    elif stated != _header_checksum(header, tensors):
         raise FileFormatError(
             f"The {what} {path} has been changed since it was written (its checksum does not fit); {advice}."
         )
