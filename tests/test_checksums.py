@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 
@@ -128,6 +130,18 @@ def test_any_changed_bit_of_arrays_is_noticed_or_changes_nothing(tmp_path: Path)
             continue
         assert all(np.array_equal(found[name], array) for name, array in ARRAYS.items())  # a date in the archive
     assert noticed > 0.6 * len(range(0, 8 * len(whole), 7))
+
+
+def test_the_same_tensors_give_the_same_bytes_in_every_process(tmp_path: Path) -> None:
+    """The library itself writes the metadata in an order that it draws: of ten files some would differ."""
+    script = (
+        "import sys; from pathlib import Path; import numpy as np; from cornerforge._checksums import write_tensors\n"
+        "write_tensors(Path(sys.argv[1]), 'ours', {'a': 'ä'}, {'weights': np.arange(3.0)}, 'it')"
+    )
+    files = [tmp_path / f"{number}.safetensors" for number in range(10)]
+    for file in files:
+        subprocess.run([sys.executable, "-c", script, str(file)], check=True)
+    assert len({file.read_bytes() for file in files}) == 1
 
 
 def test_tensors_come_back_and_a_changed_header_is_noticed(tmp_path: Path) -> None:
