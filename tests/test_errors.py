@@ -16,7 +16,7 @@ from cornerforge.errors import FileFormatError, OutputError, one_line
 def test_any_text_becomes_one_line_that_can_be_printed(text: str) -> None:
     line = one_line(text)
     assert line.isprintable()
-    assert len(line) <= 2003
+    assert len(line) <= 2000
     line.encode()
 
 
@@ -25,10 +25,9 @@ def test_a_plain_message_stays_as_it_is() -> None:
     assert one_line(text) == str(FileFormatError(text)) == str(OutputError(text)) == text
 
 
-def test_a_message_over_several_lines_is_joined() -> None:
-    assert (
-        str(FileFormatError("damaged: Couldn't read:\n  Invalid data\n.")) == "damaged: Couldn't read: Invalid data ."
-    )
+def test_a_message_over_several_lines_is_one() -> None:
+    assert str(FileFormatError("damaged: Couldn't read:\nInvalid data")) == "damaged: Couldn't read:\\nInvalid data"
+    assert len(str(FileFormatError("\0" * 10_000))) <= 2000
 
 
 @pytest.mark.parametrize("name", ["a\nb.npz", "a\x1b[2Jb.npz", "n" * 9000 + ".npz"])

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from cornerforge.errors import OutputError
 
-__all__ = ["LARGEST", "check_regular", "part_of", "read_bytes", "reason", "write_bytes", "writing"]
+__all__ = ["LARGEST", "check_regular", "part_of", "read_bytes", "real_path", "reason", "write_bytes", "writing"]
 
 
 def part_of(path: Path) -> Path:
@@ -35,6 +35,11 @@ def reason(error: OSError) -> str:
 
 LARGEST = 1 << 31
 """Most bytes of a file that is read as a whole; none that cornerforge writes is as large."""
+
+
+def real_path(path: Path) -> Path:
+    """Resolve links and `..` as far as it goes; `Path.resolve` raises where links lead in a circle."""
+    return Path(os.path.realpath(path))
 
 
 def check_regular(path: Path) -> None:

@@ -49,10 +49,13 @@ def one_line(text: str) -> str:
     >>> one_line("no file a\x1b[2J: it ends here\nand here")
     'no file a\\x1b[2J: it ends here\\nand here'
     """
+    line = "".join(one if one.isprintable() else ascii(one)[1:-1] for one in _cut(text))
+    return _cut(line)  # again: a character that cannot be printed has become up to ten
+
+
+def _cut(text: str) -> str:
     half = (_LONGEST - 5) // 2
-    if len(text) > _LONGEST:
-        text = f"{text[:half]} ... {text[-half:]}"
-    return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
+    return text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}"
 
 
 class CornerForgeError(Exception):

@@ -497,17 +497,17 @@ def drawn(rng: np.random.Generator, path: Path, name: str) -> Recipe:
         case "zip":
             recipe = _draw_zip(rng, path)
         case "json":
-            recipe = _draw_json(rng, parts) | _sealed(rng)
+            recipe = _draw_json(rng, parts) | _sealed(rng, parts)
         case "array":
-            recipe = _draw_array(rng, parts) | _sealed(rng)
+            recipe = _draw_array(rng, parts) | _sealed(rng, parts)
         case _:
-            recipe = _draw_table(rng, parts) | _sealed(rng)
+            recipe = _draw_table(rng, parts) | _sealed(rng, parts)
     return {"file": name} | recipe
 
 
-def _sealed(rng: np.random.Generator) -> Recipe:
+def _sealed(rng: np.random.Generator, parts: Parts) -> Recipe:
     """Most files get the checksums of what is in them now: else nothing but checksums would be tried."""
-    return {"sealed": bool(rng.random() < 0.8)}
+    return {"sealed": bool(rng.random() < 0.8) or not parts.has_checksums}
 
 
 def done(folder: Path, recipe: Recipe) -> None:

@@ -79,10 +79,17 @@ class Kind:
 
     def matters(self, recipe: Recipe, door: Door) -> bool:
         """Tell whether a reader of this kind could notice the damage, and need tell it."""
+        where = f"{recipe['file']} {recipe['op']} {recipe.get('column', recipe.get('array', ''))}".strip()
+        keys = (
+            [*recipe["path"][:-1], "surplus"]
+            if recipe["op"] == "json.add" and "path" in recipe
+            else recipe.get("path", ())
+        )
+        place = ".".join(str(key) for key in keys) or f"@{recipe['op']}"
+        if "*" in door.free:
+            return False
         if not recipe.get("sealed", True):
             return True
-        where = f"{recipe['file']} {recipe['op']} {recipe.get('column', recipe.get('array', ''))}".strip()
-        place = ".".join(str(key) for key in recipe.get("path", ())) or f"@{recipe['op']}"
         free = any(fnmatch(where, one) for one in door.free) or any(fnmatch(place, one) for one in self.free)
         return could_notice(recipe) and not free
 
@@ -193,10 +200,15 @@ def _read_case() -> Answer:
 
 
 def _snapshot() -> Answer:
-    from cornerforge._files import read_bytes
+    from cornerforge._files import read_bytes, reason
+    from cornerforge.errors import FileFormatError
     from cornerforge.sim.snapshot import packed, unpacked
 
-    return _digest(packed(unpacked(read_bytes(Path("w.world")))))
+    try:
+        content = read_bytes(Path("w.world"))
+    except OSError as error:  # who calls it reads the file
+        raise FileFormatError(f"w.world {reason(error)}") from error
+    return _digest(packed(unpacked(content)))
 
 
 def _exhibit(place: str) -> Callable[[], Answer]:
@@ -276,7 +288,18 @@ _LIBRARY_DOORS = (
     Door("suite", f"suite build lib --out suite --zoo idm-mobil --zoo rl {_ONE}", 0.5),
     Door("serve", _exhibit("lib"), 0.5),
 )
-_ABOUT = ("provenance*", "about*", "created_by", "command", "written", "seconds", "machine*", "cornerforge", "options*")
+_ABOUT = (
+    "run.surplus",
+    "provenance*",
+    "about*",
+    "created_by",
+    "command",
+    "written",
+    "seconds",
+    "machine*",
+    "cornerforge",
+    "options*",
+)
 
 KINDS = (
     Kind("model", "model files", "model", ("m.npz",), (
@@ -361,7 +384,7 @@ KINDS = (
     ), 40),
     Kind("case file", "case files", "case-file", ("imported/cases", "imported/cases/*.json"), (
         Door("read", _read_case, 12), Door("retest", f"retest imported/cases --av idm-mobil {_ONE}", 1),
-    ), 80, ("facts*", "name", "licence", "*description*")),
+    ), 80, ("facts*", "name", "made_by", "licence", "*description*")),
     Kind(
         "config", "options", "config", ("c.toml",), (Door("simulate", "simulate --config c.toml --json"),), 40,
         waits=True,

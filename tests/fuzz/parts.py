@@ -39,6 +39,13 @@ class Parts:
     table: pa.Table | None = None
     marks: dict[str, str] = field(default_factory=dict)
 
+    @property
+    def has_checksums(self) -> bool:
+        """Whether the file says what it should hold: then a change can be noticed unless they are made anew."""
+        marked = self.table is not None and table_checks._KEY in (self.table.schema.metadata or {})
+        document = self.documents.get("")
+        return bool(self.marks) or marked or (isinstance(document, dict) and KEY in document)
+
     def copied(self) -> Parts:
         """Copy what may be changed in place; arrays are replaced, never changed."""
         return Parts(copy.deepcopy(self.documents), dict(self.arrays), self.table, dict(self.marks))

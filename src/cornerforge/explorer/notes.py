@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from cornerforge._files import read_bytes, reason, writing
+from cornerforge._files import read_bytes, real_path, reason, writing
 from cornerforge.errors import FileFormatError, InputError, OutputError
 
 __all__ = ["keep_note", "notes_file", "read_notes"]
@@ -20,7 +20,7 @@ _LONGEST_LABEL, _LONGEST_NOTE, _MOST_LABELS = 40, 10_000, 50
 
 def notes_file(library: Path) -> Path:
     """Name the file of a library's notes: LIB-notes.json."""
-    library = library.resolve()  # . and .. have no name
+    library = real_path(library)  # . and .. have no name
     return library.parent / f"{library.name}-notes.json"
 
 

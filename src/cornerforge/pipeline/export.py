@@ -11,6 +11,7 @@ from pathlib import Path
 
 from cornerforge._arguments import checked
 from cornerforge._checks import check_in
+from cornerforge._files import real_path
 from cornerforge._locks import claims
 from cornerforge.errors import InputError, MissingExtraError
 from cornerforge.interchange.case_file import write_case_file
@@ -147,7 +148,7 @@ def export(
     """
     began = time.perf_counter()
     given, place = Path(library), Path(out)
-    source = CaseLibrary.open(given.resolve())
+    source = CaseLibrary.open(real_path(given))
     ids = _ids(source, [cases] if isinstance(cases, str) else cases)
     identity = {
         "library": config_hash(source.identity), "to": to, "version": version, "mode": mode,

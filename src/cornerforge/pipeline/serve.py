@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._arguments import checked
+from cornerforge._files import real_path
 from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.careful import CAREFUL
 from cornerforge.errors import CornerForgeError, FileFormatError, InputError, MissingExtraError
@@ -76,7 +77,7 @@ def serve(
     except ModuleNotFoundError as error:
         raise MissingExtraError(str(error.name), "explorer") from error
     given = Path(place)
-    given = given.resolve()  # . and .. have no name, and a command that is copied holds from any folder
+    given = real_path(given)  # . and .. have no name, and a command that is copied holds from any folder
     found = _sources(given)
     driving = _driving(avs, found[0].source)
     warnings = [line for one in found for line in (*one.source.cases.damaged, *_fault_of_notes(one.source))]
