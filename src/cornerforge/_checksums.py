@@ -157,19 +157,9 @@ def write_tensors(path: Path, key: str, header: Mapping[str, Any], tensors: _Arr
     # One key only: the library writes several in an order that differs from call to call.
     metadata = {key: json.dumps({**header, KEY: _header_checksum(header, arrays)}, sort_keys=True)}
     # Not its own `save_file`: that gives the file to its owner only and reports a full disk as a fault of the format.
-    content = _in_order(save(arrays, metadata=metadata))
+    content = save(arrays, metadata=metadata)
     with writing(path, what) as part:
         part.write_bytes(content)
-
-
-def _in_order(content: bytes) -> bytes:
-    """Sort the metadata of a safetensors file, which the library writes in an order drawn anew in each process."""
-    size = int.from_bytes(content[:8], "little")
-    header = json.loads(content[8 : 8 + size])
-    header["__metadata__"] = dict(sorted(header["__metadata__"].items()))
-    text = json.dumps(header, separators=(",", ":"), ensure_ascii=False).encode()
-    text += b" " * (-len(text) % 8)  # what follows stands at a multiple of 8 bytes
-    return len(text).to_bytes(8, "little") + text + content[8 + size :]
 
 
 def read_tensors(
