@@ -150,7 +150,7 @@ def test_tensors_come_back_and_a_changed_header_is_noticed(tmp_path: Path) -> No
     header, tensors = read_tensors(path, "kind", "policy")
     assert header == {"n": 3}
     np.testing.assert_array_equal(tensors["w"], ARRAYS["a"])
-    path.write_bytes(path.read_bytes().replace(b'{\\"n\\": 3}', b'{\\"n\\": 4}'))
+    path.write_bytes(path.read_bytes().replace(b'\\"n\\": 3', b'\\"n\\": 4'))
     with pytest.raises(FileFormatError, match="has been changed"):
         read_tensors(path, "kind", "policy")
     with pytest.raises(FileFormatError, match="no model of cornerforge"):

@@ -19,14 +19,16 @@ _WORDS = {
 }
 
 
-def object_fault(content: Any, fields: Iterable[Field], place: str = "") -> str | None:
-    """Say what is wrong with an object, or None; keys that `fields` does not name are passed over.
+def object_fault(content: Any, fields: Iterable[Field], place: str = "", *, closed: bool = False) -> str | None:
+    """Say what is wrong with an object, or None.
 
     Args:
         content: The object.
         fields: What it must hold; types are "string", "bool", "int64", "float64", "object", each also as "list of ...".
         place: Name of the object in its file, for messages; "" for the file itself.
+        closed: Refuse keys that `fields` does not name, instead of passing them over.
     """
+    fields = tuple(fields)
     if not isinstance(content, Mapping):
         return f'"{place}" is {_told(content)}; it must be an object' if place else "it holds no object"
     for field in fields:
@@ -48,7 +50,8 @@ def object_fault(content: Any, fields: Iterable[Field], place: str = "") -> str 
             key, fault = next(((f"{key}[{i}]", wrong) for i, wrong in faults if wrong), (key, None))
         if fault:
             return f'"{key}" {fault}'
-    return None
+    unknown = sorted(set(content) - {field.name for field in fields}) if closed else []
+    return f'"{unknown[0]}" is unknown' if unknown else None
 
 
 def _fault(value: Any, kind: str, field: Field) -> str | None:

@@ -101,7 +101,7 @@ class CheckpointFile:
             # The identity first: a user that named the wrong file should be told so, and nothing of schemas.
             self._check_identity(header["identity"])
             self._check_schema(header["schema_version"])
-            fault = object_fault(header, CHECKPOINT_FIELDS)
+            fault = object_fault(header, CHECKPOINT_FIELDS, closed=True)
         if fault is not None:
             raise FileFormatError(f"Checkpoint {self.path} is damaged: {fault}; remove it to begin again.")
         return TrainingState(arrays, header["values"])

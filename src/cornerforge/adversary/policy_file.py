@@ -126,7 +126,7 @@ def load_policy(path: Path) -> Policy:
         raise FileFormatError(f"No policy file {path}; make one with: cornerforge train --out {path}")
     header, tensors = read_tensors(path, _KEY, "policy")
     _check_versions(header, path)
-    fault = object_fault(header, POLICY_FIELDS)
+    fault = object_fault(header, POLICY_FIELDS, closed=True)
     if fault is not None:
         raise FileFormatError(f"Policy file {path} is damaged: {fault}.")
     try:

@@ -78,7 +78,7 @@ def load_av(path: Path) -> AvModel:
     if not path.is_file():
         raise FileFormatError(f"No AV file {path}; make one with: cornerforge train-av --out {path}")
     header, tensors = read_tensors(path, _KEY, "learned AV")
-    fault = object_fault(header, AV_FIELDS)
+    fault = object_fault(header, AV_FIELDS, closed=True)
     if fault is not None:
         raise FileFormatError(f"AV file {path} is damaged: {fault}.")
     _check_versions(header, path)

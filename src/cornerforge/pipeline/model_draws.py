@@ -277,9 +277,7 @@ def _read(place: Path) -> _Draw:
         FileFormatError: It is damaged.
     """
     content = read_json_file(place)
-    fault = object_fault(content, DRAW_FIELDS)
-    if fault is None and len(content) != len(DRAW_FIELDS):
-        fault = "it holds other fields"
+    fault = object_fault(content, DRAW_FIELDS, closed=True)
     if fault is not None:
         raise FileFormatError(f"{place} is damaged: {fault}; remove it, or choose another place.")
     return _Draw(**content)

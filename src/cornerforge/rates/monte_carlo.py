@@ -253,10 +253,7 @@ class MonteCarlo:
         Raises:
             FileFormatError: Keys are missing or unknown, or the counts contradict each other.
         """
-        fault = object_fault(content, COUNTS_FIELDS)
-        unknown = [key for key in content if key not in {one.name for one in COUNTS_FIELDS}]
-        if fault is None and unknown:
-            fault = f'"{unknown[0]}" is unknown'
+        fault = object_fault(content, COUNTS_FIELDS, closed=True)
         if fault is not None:
             raise FileFormatError(f"These are not the counts of a rate estimate: {fault}.")
         counts = cls(**{**content, "crashed": tuple(content["crashed"])})
