@@ -14,7 +14,8 @@ import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
-from cornerforge.errors import InputError
+from cornerforge._files import writing
+from cornerforge.errors import InputError, OutputError
 
 __all__ = ["check_named", "remember"]
 
@@ -50,10 +51,9 @@ def remember(spec: str) -> None:
     _HERE.add(line)
     file = _file()
     if file is not None:
-        with contextlib.suppress(OSError):
-            file.parent.mkdir(parents=True, exist_ok=True)
-            with file.open("a", encoding="utf-8") as names:
-                names.write(line + "\n")
+        lines = dict.fromkeys([*_known(), line])
+        with contextlib.suppress(OutputError), writing(file) as part:
+            part.write_text("".join(f"{one}\n" for one in lines), encoding="utf-8")
 
 
 def check_named(spec: str, library: Path) -> None:
