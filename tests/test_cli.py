@@ -490,8 +490,8 @@ def test_a_case_that_happens_differently_is_status_1(
     cases = importlib.import_module("cornerforge.pipeline.cases")
     honest = cases.experiment_of
 
-    def other(*arguments: Any) -> Any:
-        run = honest(*arguments)
+    def other(*arguments: Any, **asked: Any) -> Any:
+        run = honest(*arguments, **asked)
         return run.__class__(**{**vars(run), "setting": run.setting.with_drivers(bounded=1)})
 
     monkeypatch.setattr(cases, "experiment_of", other)
@@ -672,7 +672,10 @@ def test_a_full_disk_is_one_plain_line_and_leaves_no_half_file(files: Path, tmp_
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("cornerforge: Cannot write")
     assert done.stderr.count("\n") == 1
-    assert [entry.name for entry in (tmp_path / "out").iterdir()] == ["provenance.json"]
+    left = {entry.name for entry in (tmp_path / "out").iterdir()}
+    assert "provenance.json" in left
+    assert "analysis.json" not in left, "it is written last"
+    assert not [name for name in left if name.startswith(".")], "parts, or a lock"
 
 
 def test_bad_input_with_json_leaves_standard_output_empty(capsys: Capture) -> None:
@@ -777,9 +780,9 @@ import os, signal, sys, threading
 from cornerforge.cli import main
 from cornerforge.library import query, store
 honest = query.run_sql
-def soon(*arguments):
+def soon(*arguments, **limits):
     threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT)).start()
-    return honest(*arguments)
+    return honest(*arguments, **limits)
 store.run_sql = soon
 sys.exit(main())
 """

@@ -12,7 +12,6 @@ import typer
 
 import cornerforge
 from cornerforge.cli import app
-from cornerforge.errors import InputError
 from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.pipeline.setting import experiment
 from cornerforge.world_options import (
@@ -117,7 +116,7 @@ def test_keywords_go_before_the_world_and_unknown_ones_are_refused() -> None:
     rate: Any = cornerforge.rate  # mypy would refuse these, too
     with pytest.raises(TypeError, match="lane"):
         rate(max_tests=10, lane=4)
-    with pytest.raises(InputError, match="bounded needs an adversary"):
+    with pytest.raises(TypeError, match="bounded"):
         rate(max_tests=10, bounded=True)
 
 

@@ -23,7 +23,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from cornerforge._checks import spoken
 from cornerforge._files import reason
 from cornerforge.errors import OutputError
 
@@ -142,6 +141,8 @@ class _Owner:
 
     def told(self) -> str:
         """Say it in words."""
+        from cornerforge._checks import spoken  # loads NumPy
+
         pid, host, since, command = (self.said.get(name) for name in ("pid", "host", "since", "command"))
         if not isinstance(since, (int, float)):
             return "is being written by another process"

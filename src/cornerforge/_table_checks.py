@@ -220,7 +220,7 @@ def read_parquet(path: Path, command: str, columns: Sequence[str] | None = None,
     """
     advice = f"write it again with: {command}"
     if not path.exists():
-        raise FileFormatError(f"{path} is missing; {advice}")
+        raise FileFormatError(f"{path} is missing; write it with: {command}")
     try:
         check_regular(path)
         with path.open("rb") as file:

@@ -153,7 +153,7 @@ def test_the_example_passes_check_av(example: Path, capsys: Capture) -> None:  #
     assert main(["check-av", "my_av:MyAv", "--tests", "8"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("my_av:MyAv (class, ")
-    assert len(lines) == 1 + len(result["checks"]) + 3 + 1
+    assert len(lines) == 2 + len(result["checks"]) + 3 + 1
     assert " tests/h, " in lines[-1]
     assert "training against it (2,500,000 decisions) would take about" in lines[-1]
     assert result["does"]["batch"] > 1

@@ -52,4 +52,4 @@ def test_the_documentation_lists_every_column() -> None:
     rows = schema_markdown(TRACKS).splitlines()
     assert len(rows) == 2 + len(TRACKS)
     place = [column.name for column in TRACKS].index("x_m")
-    assert rows[2 + place] == f"| `x_m` | list of float32 | m | {TRACKS[place].meaning} |"
+    assert rows[2 + place] == f"| `x_m` | list of float32 | m | -100000 to 100000 | {TRACKS[place].meaning} |"

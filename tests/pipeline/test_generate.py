@@ -21,6 +21,7 @@ from edited_files import write_object
 from folder_snapshot import snapshot
 
 import cornerforge
+from cornerforge._checksums import with_checksum
 from cornerforge.adversary.config import PRESETS
 from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, save_policy
 from cornerforge.drivers.policy import n_weights
@@ -493,7 +494,7 @@ def test_analyse_counts_every_case_once(swerve_library: Path, tmp_path: Path) ->
     assert {case for cluster in found.clusters for case in cluster.typical} <= ids
     assert set(found.rare) <= ids
     written = json.loads((tmp_path / "analysis" / "analysis.json").read_text(encoding="utf-8"))
-    assert written == as_json(found)
+    assert written == with_checksum(as_json(found))
     identity = json.loads((tmp_path / "analysis" / "provenance.json").read_text(encoding="utf-8"))["identity"]
     assert (identity["steps"], identity["analysis_seed"], identity["cases"]) == (3, 2, 60)
 

@@ -21,6 +21,7 @@ from edited_files import edit_object, write_object
 from html_page import Page, browse, needs_browser
 
 from cornerforge import analyse
+from cornerforge._table_checks import write_parquet
 from cornerforge.analysis.flaw import FLAWS
 from cornerforge.analysis.in_words import avoidance_in_words
 from cornerforge.errors import FileFormatError, MissingExtraError, OutputError
@@ -468,7 +469,7 @@ def test_a_wrong_point_is_named(run_folder: Path, column: str, value: object, me
     file = run_folder / "analysis" / "points.parquet"
     rows = pq.read_table(file).to_pylist()
     rows[0][column] = value
-    pq.write_table(pa.Table.from_pylist(rows), file)
+    write_parquet(file, pa.Table.from_pylist(rows))
     with pytest.raises(FileFormatError, match=rf"points\.parquet.*{message}"):
         write_report(run_folder)
 

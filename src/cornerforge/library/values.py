@@ -80,7 +80,6 @@ CASE_RELATIONS: tuple[Relation, ...] = (
         "duration_s", "crash_time_s", ("crash_time_s",),
         lambda v, _: np.abs(v["duration_s"] - v["crash_time_s"]) <= FRAME_S + _CLOSE,
     ),
-    Relation("bv_slot", "below n_vehicles", ("n_vehicles",), lambda v, _: v["bv_slot"] < v["n_vehicles"]),
     Relation(
         "impact_speed_difference_mps", "bv_speed_mps - av_speed_mps", ("av_speed_mps", "bv_speed_mps"),
         lambda v, _: np.abs(v["bv_speed_mps"] - v["av_speed_mps"] - v["impact_speed_difference_mps"]) <= _CLOSE,
