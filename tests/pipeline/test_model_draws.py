@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import cornerforge
+from cornerforge._checksums import with_checksum
 from cornerforge.cli import main
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.ndd import default_model_path, load_model, save_model
@@ -73,7 +74,9 @@ def test_counted_draws_widen_the_interval_and_are_what_their_models_crash(
     assert 0.0 <= model.cv_interval95[0] <= model.cv <= model.cv_interval95[1]
     assert model.tests_each == 16_384, "as many as give about 25 crashes"
     assert model.cost.tests == DRAWS * model.tests_each
-    assert json.loads((tmp_path / "r" / "rate.json").read_text()) == json.loads(json.dumps(as_json(found)))
+    assert json.loads((tmp_path / "r" / "rate.json").read_text()) == json.loads(
+        json.dumps(with_checksum(as_json(found)))
+    )
 
     # A draw says which model it drove, and counts what this model's tests crash.
     kept = json.loads((tmp_path / "r" / "draws" / "0002.json").read_text())

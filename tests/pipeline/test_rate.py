@@ -17,6 +17,7 @@ import pytest
 from folder_snapshot import snapshot
 
 import cornerforge
+from cornerforge._checksums import with_checksum
 from cornerforge.errors import FileFormatError, InputError, OutputError
 from cornerforge.library import CaseLibrary
 from cornerforge.ndd import default_model_path, load_model, save_model
@@ -92,7 +93,7 @@ def test_counts_survive_their_file_and_refuse_another() -> None:
     with pytest.raises(FileFormatError, match="contradict"):
         MonteCarlo.from_json({**counts.to_json(), "av_crashes": 5})
     for crashed in ([7, 3], [3, 3], [3, 10], [-1, 3]):
-        with pytest.raises(FileFormatError, match="contradict"):
+        with pytest.raises(FileFormatError, match=r"contradict|at least 0"):
             MonteCarlo.from_json({**counts.to_json(), "crashed": crashed})
 
 
@@ -125,7 +126,7 @@ def test_types_mechanisms_and_bv_miles_are_told(world: dict[str, Any], tmp_path:
     # BVs overlook it, and it does not see who enters its target lane from two lanes over
     assert found.mechanisms["bv-side"] + found.mechanisms["same-lane-opposite-sides"] >= 0.6 * n
     assert all(0 <= value <= n for value in vars(found.crash_circumstances).values())
-    assert json.loads((tmp_path / "r" / "rate.json").read_text()) == as_json(found)
+    assert json.loads((tmp_path / "r" / "rate.json").read_text()) == with_checksum(as_json(found))
     columns, rows = CaseLibrary.open(tmp_path / "r" / "library").query(
         "select mechanism, count(*) from cases group by mechanism order by mechanism"
     )

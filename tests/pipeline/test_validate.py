@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import cornerforge
+from cornerforge._checksums import with_checksum
 from cornerforge.cli import main
 from cornerforge.cli.output import compiling_text
 from cornerforge.errors import CornerForgeError, DataError, FileFormatError, InputError, MissingExtraError
@@ -106,7 +107,7 @@ def test_the_verdict_is_that_of_scores_and_facts(found: NddValidated) -> None:
 def test_the_folder_holds_the_page_and_what_it_was_made_of(found: NddValidated, folder: Path) -> None:
     names = {path.name for path in folder.iterdir()}
     assert {"validation.json", "validation.html", "provenance.json", "facts.png", "traffic.png"} <= names
-    assert json.loads((folder / "validation.json").read_text()) == json.loads(json.dumps(as_json(found)))
+    assert json.loads((folder / "validation.json").read_text()) == json.loads(json.dumps(with_checksum(as_json(found))))
     page = (folder / "validation.html").read_text()
     assert page.count("<img ") == sum(name.endswith(".png") for name in names)
     assert "http" not in page
