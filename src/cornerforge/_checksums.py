@@ -120,7 +120,7 @@ def read_json(path: Path, advice: str) -> dict[str, Any]:
     except FileNotFoundError:
         raise FileFormatError(f"{path} is missing; {advice}.") from None
     except (OSError, ValueError, MemoryError) as error:
-        raise FileFormatError(f"{path} cannot be read as JSON ({error}); {advice}.") from None
+        raise FileFormatError(f"{path} is damaged, it cannot be read as JSON ({error}); {advice}.") from None
     if not isinstance(content, dict):
         raise FileFormatError(f"{path} holds no JSON object; {advice}.")
     return check_json(path, content)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from edited_files import write_object
 
 import cornerforge
 from cornerforge._checksums import with_checksum
@@ -127,12 +128,12 @@ def test_a_stop_loses_one_draw_and_damage_is_told(
     assert more.model_uncertainty.draws == DRAWS + 1
 
     place = tmp_path / "r" / "draws" / "0001.json"
-    sound = place.read_text()
-    for content in ("", "{}", sound.replace('"rate": ', '"rate": -')):
-        place.write_text(content)
+    sound = json.loads(place.read_text())
+    for content in ({}, {**sound, "rate": -1.0}):
+        write_object(place, content)
         with pytest.raises(FileFormatError, match=r"0001\.json is damaged"):
             cornerforge.rate(**given, out=tmp_path / "r", resume=True)
-    place.write_text(sound.replace('"method": "mc"', '"method": "splitting"'))
+    write_object(place, {**sound, "method": "splitting"})
     assert untimed(cornerforge.rate(**given, out=tmp_path / "r", resume=True)) == untimed(whole)
 
 
