@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from cornerforge._checks import check_finite, check_in, check_integer, check_is_json, check_number, shown
+from cornerforge._checks import check_finite, check_in, check_integer, check_is_json, check_number
+from cornerforge._words import shown
 from cornerforge.errors import CornerForgeError, InputError, UnknownNameError
 
 

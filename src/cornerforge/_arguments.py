@@ -15,7 +15,8 @@ from typing import Any, NamedTuple, ParamSpec, TypeGuard, TypeVar
 
 import numpy as np
 
-from cornerforge._checks import check_path, shown
+from cornerforge._checks import check_path
+from cornerforge._words import shown
 from cornerforge.errors import InputError
 
 __all__ = ["checked", "is_several"]

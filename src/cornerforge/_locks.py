@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge._files import reason
+from cornerforge._words import spoken
 from cornerforge.errors import OutputError
 
 __all__ = ["claim_file", "claim_folder", "claims", "command_line", "is_lock", "lock_of"]
@@ -141,8 +142,6 @@ class _Owner:
 
     def told(self) -> str:
         """Say it in words."""
-        from cornerforge._checks import spoken  # loads NumPy
-
         pid, host, since, command = (self.said.get(name) for name in ("pid", "host", "since", "command"))
         if not isinstance(since, (int, float)):
             return "is being written by another process"

@@ -5,8 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from safetensors.numpy import save
 
 import cornerforge
+from cornerforge._checksums import write_tensors
 from cornerforge.cli import main
 from cornerforge.errors import InputError
 from cornerforge.ndd.model import default_model_path
@@ -54,6 +56,20 @@ def test_values_are_checked_where_checksums_are_missing(place: Path) -> None:
     np.savez(place / "model.npz", **arrays)
     [damaged] = cornerforge.verify(place / "model.npz").damaged
     assert "lc_base" in damaged.fault
+
+
+def test_checkpoints_are_read_and_weights_of_others_are_not(place: Path) -> None:
+    write_tensors(
+        place / "p.safetensors.checkpoint", "cornerforge_checkpoint", {}, {"a": np.zeros(3)}, "the checkpoint"
+    )
+    (place / "theirs.safetensors").write_bytes(save({"layer": np.zeros(3)}))
+    found = cornerforge.verify(place)
+    assert (found.whole, found.damaged, found.other) == (4, (), 2)
+    content = bytearray((place / "p.safetensors.checkpoint").read_bytes())
+    content[-1] ^= 1
+    (place / "p.safetensors.checkpoint").write_bytes(content)
+    [damaged] = cornerforge.verify(place).damaged
+    assert damaged.file.endswith(".checkpoint")
 
 
 def test_nothing_at_a_place_is_a_mistake(tmp_path: Path) -> None:

@@ -391,7 +391,7 @@ def verify(
     """Check that files are as they were written; exit status 1 if one is not."""
 
     def text(r: Verified) -> str:
-        lines = [f"{one.file}: {one.fault}" for one in r.damaged]
+        lines = [one.fault if one.file in one.fault else f"{one.file}: {one.fault}" for one in r.damaged]
         lines.append(f"{r.whole:,} whole, {len(r.damaged):,} damaged")
         if r.without_checksum:
             lines[-1] += f", {len(r.without_checksum):,} without a checksum (such as {r.without_checksum[0]})"

@@ -201,7 +201,7 @@ def check_av(
     debug: Debug = False,
 ) -> None:
     """Try an AV of your own on edge cases and measure its speed; exit status 1 if anything fails."""
-    from cornerforge._checks import spoken
+    from cornerforge._words import spoken
 
     def text(r: AvChecked) -> str:
         lines, told = [], set[str]()

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_integer, shown
+from cornerforge._checks import check_integer
+from cornerforge._words import shown
 from cornerforge.envs.misuse import ClosedError, ResetNeededError
 from cornerforge.envs.spaces import av_commands
 from cornerforge.errors import InputError, UnknownNameError

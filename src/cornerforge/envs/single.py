@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._arguments import checked
-from cornerforge._checks import check_in, shown
+from cornerforge._checks import check_in
+from cornerforge._words import shown
 from cornerforge.envs.batch import OUTCOMES, Batch, numbers_of
 from cornerforge.envs.batch import check_seed as _check_seed
 from cornerforge.envs.batch import read_options as _read_options

@@ -12,7 +12,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from cornerforge._arguments import checked, is_several
-from cornerforge._checks import check_in, check_integer, shown
+from cornerforge._checks import check_in, check_integer
+from cornerforge._words import shown
 from cornerforge.envs.batch import OUTCOMES, Batch, check_seed, numbers_of, read_options
 from cornerforge.envs.misuse import InvalidActionError, ResetNeededError, warn_of_no_picture
 from cornerforge.envs.raster import top_view

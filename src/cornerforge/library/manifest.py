@@ -15,11 +15,11 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from cornerforge._checks import shown
 from cornerforge._checksums import check_json, with_checksum
 from cornerforge._files import read_bytes, reason, writing
 from cornerforge._objects import object_fault
 from cornerforge._strict_json import parse
+from cornerforge._words import shown
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.library.schema import (
     EXTRA_TYPES,

@@ -110,7 +110,7 @@ def check_numbers(part: Any) -> None:
 def check_initial(initial: InitialState) -> None:
     """Check that traffic can be drawn: of each draw, in any likely state, at least `LEAST_ACCEPTED` must suit.
 
-    Speeds by their normal distribution, neighbours by equally frequent values of their random numbers; some 5 ms.
+    Speeds by their normal distribution, neighbours by equally frequent values of their random numbers; some 18 ms.
 
     Args:
         initial: Its numbers are within their ranges (`check_numbers`).

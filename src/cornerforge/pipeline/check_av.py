@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._arguments import checked
-from cornerforge._checks import check_integer, spoken
+from cornerforge._checks import check_integer
+from cornerforge._words import spoken
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.foreign.answers import controller_of
 from cornerforge.foreign.av_log import AvLog
@@ -22,6 +23,7 @@ from cornerforge.foreign.process import FIRST_TIMEOUT, AvFailureError, AvProcess
 from cornerforge.foreign.session import AvSession, context_of
 from cornerforge.pipeline.counting import simulate_experiment
 from cornerforge.pipeline.forecast import LONG_SECONDS, forecast, seconds_of, tests_per_hour
+from cornerforge.pipeline.named_avs import remember
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_av_options, confines_of, experiment, road_of
 from cornerforge.results import AvChecked
@@ -191,6 +193,7 @@ def check_av(
             f'"{av}" is a built-in name or none; check-av tries module:Class, file.py:Class, "cmd: PROGRAM", '
             ".onnx and .zip files."
         )
+    remember(av)
     road = road_of(options)
     bench = _Bench(av, road, seed, av_timeout, confines_of(options))
     try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cornerforge._checks import spoken
+from cornerforge._words import spoken
 from cornerforge.execution import default_threads
 from cornerforge.foreign.driver import answers_per_second, answers_per_test
 from cornerforge.foreign.pace import announce

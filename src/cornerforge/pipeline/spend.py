@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from cornerforge._checks import spoken
+from cornerforge._words import spoken
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import load_policy
 from cornerforge.errors import InputError

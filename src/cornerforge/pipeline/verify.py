@@ -26,6 +26,8 @@ from cornerforge.results.whole import DamagedFile, Verified
 __all__ = ["verify"]
 
 _STAGE = "verify"
+_NOT_OURS = object()
+"""What a reader gives of a file that another program wrote."""
 
 
 @checked
@@ -88,10 +90,12 @@ def _checked(place: Path) -> Iterator[tuple[Path, str | None, bool]]:
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", NoChecksumWarning)
         try:
-            reader(place)
+            is_ours = reader(place) is not _NOT_OURS
         except CornerForgeError as error:
             yield place, str(error).removeprefix(f"{place}: "), True
             return
+    if not is_ours:
+        return
     yield place, None, not any(issubclass(one.category, NoChecksumWarning) for one in told)
 
 
@@ -108,11 +112,11 @@ def _checked_library(folder: Path) -> Iterator[tuple[Path, str | None, bool]]:
         yield folder / name, fault, True
 
 
-def _read_tensors(place: Path) -> None:
-    """Read a policy, a learned AV, or an unfinished training.
+def _read_tensors(place: Path) -> object:
+    """Read a policy, a learned AV, or an unfinished training; `_NOT_OURS` for weights of another program.
 
     Raises:
-        FileFormatError: It is damaged, or none of them.
+        FileFormatError: It is damaged.
     """
     try:
         check_regular(place)
@@ -122,9 +126,8 @@ def _read_tensors(place: Path) -> None:
         raise FileFormatError(f"{place} is damaged ({error}); restore it from a copy, or make it again.") from error
     for key, load in _TENSORS.items():
         if key in keys:
-            load(place)
-            return
-    raise FileFormatError(f"{place} is no policy, no AV and no checkpoint of cornerforge.")
+            return load(place)
+    return _NOT_OURS
 
 
 def _read_arrays(place: Path) -> None:
@@ -146,5 +149,6 @@ _READERS: dict[str, Callable[[Path], object]] = {
     ".json": _read_json,
     ".npz": _read_arrays,
     ".safetensors": _read_tensors,
+    ".checkpoint": _read_tensors,
     ".parquet": lambda place: read_parquet(place, "cornerforge analyse"),
 }

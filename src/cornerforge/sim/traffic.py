@@ -38,7 +38,7 @@ _TIME_GAPS = np.array([user.time_gap for user in CLASSES])
 _LEAST_ROOM = 0.25
 _MAX_TRIES = 10_000
 """After so many refused draws in a row the test is UNDRAWN. Models of which hardly a draw suits do not load
-(`ndd.initial.check_initial`); of the shipped one at most 13 in a row were refused in 4.6 million draws of a speed."""
+(`ndd.initial.check_initial`); of the shipped one at most 13 in a row were refused in 2.3 million tests."""
 _NO_SPEED = (
     "The traffic at the start of a test cannot be drawn: 10,000 speeds in a row lay outside of the model's speed_low "
     "and speed_high. Use another model."
