@@ -144,7 +144,12 @@ def test_keys_of_other_versions_are_passed_over() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "message"), [(None, "is missing; write it with"), ("{", "is damaged, it cannot be read"), ("[]", "holds no JSON object")]
+    ("text", "message"),
+    [
+        (None, "is missing; write it with"),
+        ("{", "is damaged, it cannot be read"),
+        ("[]", "holds no JSON object"),
+    ],
 )
 def test_a_file_that_is_no_object_is_named(text: str | None, message: str, tmp_path: Path) -> None:
     path = tmp_path / "a.json"
