@@ -27,13 +27,13 @@ from typing import Any
 from document import MarkedBlock
 from ground_truth_settings import SETTINGS, Setting
 from ground_truth_tables import render
-from ledger import Entry, furthest, read_entry, read_ledger, simulation_hash, write_ledger
+from ledger import Entry, furthest, read_entry, read_ledger, simulation_hash, write_entry, write_ledger
 
 from cornerforge.errors import CornerForgeError, InputError
 from cornerforge.ndd.model import default_model_path, load_model, save_model
 from cornerforge.ndd.variations import varied_model
 from cornerforge.pipeline.crashes import NaturalCrashes
-from cornerforge.pipeline.output import config_hash, write_text
+from cornerforge.pipeline.output import config_hash
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates.exposure import SAMPLE_TESTS, bv_travel
 from cornerforge.rates.monte_carlo import BLOCK, Block, drive_block
@@ -136,7 +136,7 @@ def count(setting: Setting, run: Experiment, entry: Entry, session: Session) -> 
         for test in block.crashed:
             entry = _with_crash(entry, test, crashes)
         entry = replace(entry, counts=entry.counts.plus(block))
-        write_text(_place(setting, session), entry.to_text() + "\n")
+        write_entry(_place(setting, session), entry)
         yield entry
 
 
@@ -180,7 +180,7 @@ def _taken_over(setting: Setting, run: Experiment, entry: Entry, session: Sessio
             raise _other_bits(setting, f"the crash of test {test} has other {named}")
         studied.append(again)
     taken = replace(taken, crashes=tuple(studied))
-    write_text(_place(setting, session), taken.to_text() + "\n")
+    write_entry(_place(setting, session), taken)
     return taken
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import cornerforge
+from cornerforge._checksums import KEY, json_checksum
 from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.pipeline.crashes import CrashStudy
@@ -26,7 +27,7 @@ from cornerforge.rates.monte_carlo import MonteCarlo
 
 __all__ = [
     "SCHEMA", "Entry", "agree", "furthest", "read_entry", "read_ledger", "simulation_hash", "trees_hash",
-    "write_ledger",
+    "write_entry", "write_ledger",
 ]  # fmt: skip
 
 SCHEMA = 1
@@ -189,9 +190,19 @@ def read_ledger(path: Path) -> dict[str, Entry]:
 
 
 def write_ledger(path: Path, entries: Mapping[str, Entry]) -> None:
-    """Write a ledger whole, or not at all; settings in the order of their names."""
+    """Write a ledger with its checksum, whole or not at all; settings in the order of their names."""
     body = ",\n".join(f"{json.dumps(name)}: {entries[name].to_text()}" for name in sorted(entries))
-    write_text(path, f'{{"schema": {SCHEMA}, "settings": {{\n{body}\n}}}}\n')
+    _write(path, f'{{"schema": {SCHEMA}, "settings": {{\n{body}\n}}}}')
+
+
+def write_entry(path: Path, entry: Entry) -> None:
+    """Write an entry to a file of its own with its checksum, whole or not at all."""
+    _write(path, entry.to_text())
+
+
+def _write(path: Path, text: str) -> None:
+    """Write the text of a JSON object, with its checksum as last key."""
+    write_text(path, f'{text[:-1]}, "{KEY}": "{json_checksum(json.loads(text))}"}}\n')
 
 
 def read_entry(path: Path) -> Entry | None:

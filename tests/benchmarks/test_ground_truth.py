@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from edited_files import write_object
 
 from cornerforge import _jit
 from cornerforge.errors import FileFormatError, InputError
@@ -68,7 +69,7 @@ def test_a_ledger_comes_back_as_it_was(tmp_path: Path) -> None:
     assert first.decode().count("\n[") == 5, "a line for each crash"
     assert found["c"].earlier_simulations == ("s", "new")
     older = first.decode().replace(', "looked_away"]', "]").replace(", false]", "]")  # from before drivers looked away
-    (tmp_path / "old.json").write_text(older, encoding="utf-8")
+    write_object(tmp_path / "old.json", json.loads(older))
     assert read_ledger(tmp_path / "old.json") == entries
     write_ledger(tmp_path / "none.json", {})
     assert read_ledger(tmp_path / "none.json") == {} == read_ledger(tmp_path / "missing.json")
@@ -85,10 +86,10 @@ def test_damage_and_other_schemas_are_refused(tmp_path: Path) -> None:
         {**entry, "crashes": [[*row[:3], "sorcery", *row[4:]] for row in entry["crashes"]]},
         {key: value for key, value in entry.items() if key != "identity"},
     ):
-        path.write_text(json.dumps({"schema": 1, "settings": {"x": spoiled}}))
+        write_object(path, {"schema": 1, "settings": {"x": spoiled}})
         with pytest.raises(FileFormatError, match="x is no entry of a ledger"):
             read_ledger(path)
-    path.write_text(json.dumps({**whole, "schema": 99}))
+    write_object(path, {**whole, "schema": 99})
     with pytest.raises(FileFormatError, match="schema 1"):
         read_ledger(path)
     assert read_entry(tmp_path / "absent.json") is None

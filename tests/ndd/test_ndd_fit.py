@@ -210,8 +210,9 @@ def test_damaged_foreign_and_missing_models_are_named(tmp_path: Path) -> None:
 
 def test_a_report_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     model, report = fit_model([steady_file(tmp_path / "s.csv", 2)], "pairs")
+    (tmp_path / "file").touch()
     with pytest.raises(OutputError, match=r"report\.html"):
-        write_fit_report(report, model, tmp_path / "no" / "report.html")
+        write_fit_report(report, model, tmp_path / "file" / "report.html")
 
 
 def decisions(speed: list[float], gap: list[float], range_rate: list[float]) -> Decisions:

@@ -105,18 +105,30 @@ def test_a_contact_that_is_no_number_is_named(tmp_path: Path, crashes: list[Scen
     assert "1 case(s) of 20" in err
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_seconds_that_are_no_numbers_count_as_not_recorded(
-    value: float, tmp_path: Path, crashes: list[Scenario], capsys: Capture
-) -> None:
+def spoil_seconds(value: float) -> Change:
+    """Write a value into the seconds from the third on of the first five cases."""
+
     def spoil(history: np.ndarray, test: int) -> np.ndarray:
         history[:, :, :] = history[0]
         history[2:, 1, 0] = value if test < 5 else history[2:, 1, 0]
         return history
 
-    status, out, _ = analysed(capsys, library_of(tmp_path / "l", crashes, 20, spoil), "--steps", "3")
+    return spoil
+
+
+def test_seconds_without_a_number_count_as_not_recorded(
+    tmp_path: Path, crashes: list[Scenario], capsys: Capture
+) -> None:
+    status, out, _ = analysed(capsys, library_of(tmp_path / "l", crashes, 20, spoil_seconds(np.nan)), "--steps", "3")
     assert status == 0
     assert json.loads(out)["padded"] == 5
+
+
+def test_an_infinite_value_is_named(tmp_path: Path, crashes: list[Scenario], capsys: Capture) -> None:
+    status, out, err = analysed(capsys, library_of(tmp_path / "l", crashes, 20, spoil_seconds(np.inf)), "--steps", "3")
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert "history" in err
+    assert "row 0 (case 0:0) is inf" in err
 
 
 def test_more_seconds_than_any_case_has_are_padded_and_counted(

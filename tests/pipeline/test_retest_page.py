@@ -13,7 +13,7 @@ import pytest
 from html_page import Page, browse, needs_browser
 
 import cornerforge
-from cornerforge.errors import InputError
+from cornerforge.errors import OutputError
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.library import CaseLibrary
 from cornerforge.pipeline.cases import experiment_with
@@ -158,5 +158,5 @@ def test_natural_crashes_of_a_worse_av_come_first(
 
 def test_a_page_is_not_written_over(swerve_library: Path, tmp_path: Path) -> None:
     (tmp_path / "there.html").touch()
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(OutputError, match="exists already"):
         cornerforge.retest(swerve_library, av=NEW, page=tmp_path / "there.html")

@@ -104,7 +104,7 @@ def test_files_that_are_no_av_are_refused(tmp_path: Path) -> None:
     with pytest.raises(FileFormatError, match="features_version"):
         load_av(path)
     save_av(network(n_inputs=7), {}, path)
-    with pytest.raises(FileFormatError, match="do not fit"):
+    with pytest.raises(FileFormatError, match="network does not fit"):
         load_av(path)
     bad = network()
     bad.weights[5] = np.nan

@@ -18,6 +18,7 @@ import pytest
 from edited_files import write_object
 from html_page import CHROMIUM, Page, browse, needs_browser
 
+from cornerforge._table_checks import write_parquet
 from cornerforge.analysis.first_case import PREVENTION
 from cornerforge.analysis.flaw import FLAWS
 from cornerforge.report import front, write_report
@@ -50,7 +51,7 @@ def judge(folder: Path, *, prevented_by: str, held: bool) -> None:
     columns = {"prevented_by": pa.array([prevented_by] * n), "held_speed_prevents": pa.array([held] * n)}
     for name, values in columns.items():
         table = table.set_column(table.column_names.index(name), name, values)
-    pq.write_table(table, file)
+    write_parquet(file, table)
 
 
 def front_in(folder: Path) -> Front:

@@ -80,7 +80,9 @@ MANIFEST_FIELDS: tuple[Field, ...] = (
     Field("format", "string", "", "Always `cornerforge case library`."),
     Field("schema_version", "int64", "", "The lowest version that can read the library.", (1, SCHEMA_VERSION)),
     Field("created_by", "string", "", "Version of cornerforge that created it."),
-    Field("run", "object", "", "What names the run: texts, numbers, true or false by name, with a whole `seed`."),
+    Field(
+        "run", "object", "", "What names the run: texts, numbers, true, false or nothing by name, with a whole `seed`."
+    ),
     Field("odd", "object", "", "Road and rules: the fields of `cornerforge.Odd`; what is left out does not occur."),
     Field("extra", "object", "", "Own columns of the library, type by name; null: no case yet."),
     Field("shards", "list of object", "", "The shards, ascending by test."),
