@@ -250,6 +250,9 @@ def test_trees_do_not_depend_on_threads_or_chunks(careless: NddModel) -> None:
         assert np.array_equal(whole.roots[name], alone.roots[name])
         assert np.array_equal(whole.roots[name][333:433], later.roots[name])
     assert np.array_equal(whole.crashes, alone.crashes)
+    assert np.array_equal(whole.actions, alone.actions)
+    for crash, actions in zip(alone.crashes, alone.actions, strict=True):
+        assert not actions[crash["begun"] :].any(), "what an earlier crash left in the row"
 
 
 def test_weights_of_crashes_sum_up_to_those_of_their_trees(careless: NddModel) -> None:

@@ -148,9 +148,11 @@ def _end(row: int, forest: Forest, root: Any) -> None:
     leaf.acts = nursery.acts[row]
     leaf.begun = state.decisions
     leaf.memory = nursery.memory[row]
-    for second in range(state.decisions):
-        for i in range(state.n_vehicles):
-            leaves.actions[k, second, i] = nursery.actions[row, second, i]
+    # All of the row: an earlier crash may have left its actions in it.
+    for second in range(leaves.actions.shape[1]):
+        for i in range(leaves.actions.shape[2]):
+            acted = second < state.decisions and i < state.n_vehicles
+            leaves.actions[k, second, i] = nursery.actions[row, second, i] if acted else 0
 
 
 @kernel
