@@ -268,7 +268,17 @@ def _other(file: Path) -> None:
     file.write_bytes(b"\x80\x04X\x05\x00\x00\x00hello.")
 
 
-@pytest.mark.parametrize("damage", [_emptied, _halved, _flipped, _other])
+def _pipe(file: Path) -> None:
+    file.unlink()
+    os.mkfifo(file)
+
+
+def _endless(file: Path) -> None:
+    file.unlink()
+    file.symlink_to("/dev/zero")
+
+
+@pytest.mark.parametrize("damage", [_emptied, _halved, _flipped, _other, _pipe, _endless])
 @pytest.mark.parametrize("ending", ["nbi", "nbc"])
 def test_a_damaged_file_is_dropped_and_compiled_anew(
     ending: str, damage: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -287,6 +297,20 @@ def test_a_damaged_file_is_dropped_and_compiled_anew(
     assert hits[:2] == [0, 1]
     assert hits[3] == 1
     assert hits[2] == 0 or (ending, damage) == ("nbi", _flipped)
+
+
+def test_a_file_where_the_folder_of_a_kernel_should_be_costs_time_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cornerforge._jit, "cache_folder", lambda: str(tmp_path))
+    monkeypatch.setattr(_kernel_cache, "_TOLD", [])
+    assert kernel(_tripled)(np.ones(2)) == 3.0
+    (folder,) = tmp_path.iterdir()
+    shutil.rmtree(folder)
+    folder.write_text("no folder")
+    with pytest.warns(UserWarning, match="Machine code cannot be kept in"):
+        tripled = kernel(_tripled)
+    assert tripled(np.ones(2)) == 3.0
 
 
 def test_folders_in_use_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,7 +22,7 @@ from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils, event, types
 from numba.extending import intrinsic
 
-from cornerforge._kernel_cache import KernelCache, choose_folder
+from cornerforge._kernel_cache import KernelCache, choose_folder, warn_once
 from cornerforge._kernel_parts import KernelDispatcher
 
 if TYPE_CHECKING:
@@ -91,7 +91,9 @@ def _compiled(function: F, options: dict[str, Any]) -> F:
         before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
         numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]
         try:
-            dispatcher._cache = KernelCache(function)  # type: ignore[no-untyped-call]
+            dispatcher._cache = KernelCache(function)
+        except RuntimeError:
+            warn_once(folder, "something else stands where a folder is needed")
         finally:
             numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
     return cast("F", dispatcher)

@@ -18,14 +18,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, UserProvidedCacheLocator
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, UserProvidedCacheLocator
 from numba.core.serialize import dumps
 
-__all__ = ["KernelCache", "choose_folder"]
+__all__ = ["KernelCache", "choose_folder", "warn_once"]
 
 _UNUSED_DAYS = 30.0
 _TOUCH_DAYS = 1.0
 _DAY = 86400.0
+_TOLD: list[str] = []
 
 
 def choose_folder(name: str, package: Path) -> str:
@@ -96,11 +97,36 @@ class _Checked(CompileResultCacheImpl):
         return super().rebuild(target_context, pickle.loads(content))
 
 
+class _Files(IndexDataCacheFile):
+    """Index and machine code; a pipe or a device in the place of one would be read for ever."""
+
+    def _load_index(self) -> Any:
+        _check_regular(self._index_path)
+        return super()._load_index()
+
+    def _load_data(self, name: str) -> Any:
+        _check_regular(self._data_path(name))
+        return super()._load_data(name)
+
+
+def _check_regular(path: str) -> None:
+    if os.path.exists(path) and not os.path.isfile(path):
+        raise OSError(f"{path} is no regular file")
+
+
 class KernelCache(FunctionCache):
-    """The cached files of one kernel; no fault in them ends the program."""
+    """The cached files of one kernel; no fault in them ends the program.
+
+    Raises:
+        RuntimeError: Its folder cannot be made.
+    """
 
     _impl_class = _Checked
-    _told = False
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        own = self._cache_file
+        self._cache_file = _Files(self._cache_path, own._index_name.removesuffix(".nbi"), own._source_stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Read the kernel's machine code; None if it is absent or damaged."""
@@ -116,10 +142,16 @@ class KernelCache(FunctionCache):
         try:
             super().save_overload(sig, data)
         except OSError as error:
-            if not KernelCache._told:
-                KernelCache._told = True
-                warnings.warn(
-                    f"Machine code cannot be kept in {self.cache_path} ({error.strerror or error}), so the next start "
-                    "compiles it again; make room, or name another folder in NUMBA_CACHE_DIR.",
-                    stacklevel=2,
-                )
+            warn_once(self.cache_path, error.strerror or str(error))
+
+
+def warn_once(place: str, why: str) -> None:
+    """Warn that machine code cannot be kept in a folder, once in a process."""
+    if _TOLD:
+        return
+    _TOLD.append(place)
+    warnings.warn(
+        f"Machine code cannot be kept in {place} ({why}), so the next start compiles it again; make room, or name "
+        "another folder in NUMBA_CACHE_DIR.",
+        stacklevel=3,
+    )
