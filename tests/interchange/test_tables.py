@@ -179,6 +179,15 @@ def test_bad_parquet_files_are_refused(tmp_path: Path) -> None:
     pq.write_table(table.set_column(table.column_names.index("x_m"), table.schema.field("x_m"), pa.array(x)), path)
     with pytest.raises(DataError, match="x_m = nan in row 4; allowed"):
         read_table(path)
+    row = int(np.flatnonzero((table["slot"].to_numpy() == 0) & (table["frame"].to_numpy() == 7))[0])
+    pq.write_table(pa.concat_tables([table[:row], table[row + 1 :]]), path)
+    with pytest.raises(DataError, match="slot 0 has no row for frame 7, but for later ones"):
+        read_table(path)
+    x = table["x_m"].to_numpy().copy()
+    x[row] += 40.0
+    pq.write_table(table.set_column(table.column_names.index("x_m"), table.schema.field("x_m"), pa.array(x)), path)
+    with pytest.raises(DataError, match="x_m of slot 0 jumps by more than 15 m after frame 6"):
+        read_table(path)
     pq.write_table(pa.table({"frame": [1]}), path)
     with pytest.raises(FileFormatError, match="a case needs each of these columns once: time_s"):
         read_table(path)

@@ -60,6 +60,8 @@ _LIMITS = {
     "speed_mps": (0.0, 1e3), "heading_rad": (-math.pi, math.pi), "acceleration_mps2": (-1e3, 1e3),
     "frame": (0, _MOST_FRAMES - 1), "slot": (0, _MOST_SLOT), "lane": (0, MAX_LANES - 1),
 }  # fmt: skip
+_FARTHEST_M = 15.0
+"""A vehicle goes at most as far from one frame to the next: 150 m/s."""
 _POSES = {
     "x_m": X, "y_m": Y, "speed_mps": SPEED, "heading_rad": HEADING, "acceleration_mps2": ACCELERATION, "lane": LANE,
 }  # fmt: skip
@@ -242,6 +244,7 @@ def _case_of(name: str, columns: dict[str, NDArray[Any]], about: dict[str, Any])
         raise DataError(f"{name}: there is no slot 0, the AV.")
     if np.unique(np.stack([frame, slot]), axis=1).shape[1] != frame.size:
         raise DataError(f"{name}: a vehicle has two rows for one frame.")
+    _check_ways(name, columns)
     if columns["lane"].max() >= lanes:
         raise DataError(f"{name}: lane {columns['lane'].max()} in a road of {lanes} lanes; 0 is the rightmost.")
     own = frame[slot == 0]
@@ -270,6 +273,27 @@ def _case_of(name: str, columns: dict[str, NDArray[Any]], about: dict[str, Any])
         stem, odd, kind[there], length[there], width[there], poses[:, there], facts, notes,
         tuple(f"slot {one}" for one in slots[there]),
     )  # fmt: skip
+
+
+def _check_ways(name: str, columns: dict[str, NDArray[Any]]) -> None:
+    """Refuse vehicles that go away and come back, or move faster than anything on a road."""
+    order = np.lexsort((columns["frame"], columns["slot"]))
+    slot, frame = columns["slot"][order], columns["frame"][order]
+    is_same = np.diff(slot) == 0
+    away = is_same & (np.diff(frame) > 1)
+    if away.any():
+        at = int(away.argmax())
+        raise DataError(
+            f"{name}: slot {slot[at]} has no row for frame {frame[at] + 1}, but for later ones; one that comes back is "
+            "another vehicle and needs a slot of its own."
+        )
+    for column in ("x_m", "y_m"):
+        far = is_same & (np.abs(np.diff(columns[column][order])) > _FARTHEST_M)
+        if far.any():
+            at = int(far.argmax())
+            raise DataError(
+                f"{name}: {column} of slot {slot[at]} jumps by more than {_FARTHEST_M:g} m after frame {frame[at]}."
+            )
 
 
 def _road_of(name: str, about: dict[str, Any]) -> tuple[int, float]:
