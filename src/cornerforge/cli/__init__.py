@@ -14,6 +14,8 @@ import typer
 
 # `--help` lists commands in the order in which these modules register them.
 from cornerforge.cli import whole, driving, learning, cases, exchange, naturalistic  # isort: skip
+from cornerforge._files import reason
+from cornerforge._words import shown
 from cornerforge.cli.config import Call, a_call
 from cornerforge.cli.program import app
 from cornerforge.errors import CornerForgeError, InputError, one_line
@@ -131,8 +133,9 @@ def _run(given: list[str], call: Call) -> int:
             return _complain(_usage_message(error), debug=debug())
         except BrokenPipeError:
             raise
-        except OSError as error:  # a full disk, a file without permission: the text names the file
-            return _complain(error, debug=debug())
+        except OSError as error:  # what no reader or writer has put into words of its own
+            named = "" if error.filename is None else f"{shown(os.fspath(error.filename))}: "
+            return _complain(f"{named}{reason(error)}; remove it, or choose another place.", debug=debug())
         except typer.Abort as abort:
             if isinstance(abort.__cause__, EOFError):  # a file that ended early, not a person at the keyboard
                 raise abort.__cause__ from None

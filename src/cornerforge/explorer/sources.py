@@ -9,6 +9,7 @@ from pathlib import Path
 import pyarrow as pa
 
 from cornerforge._table_checks import read_parquet
+from cornerforge.analysis.stored import CASES_FILE, read_cases_of
 from cornerforge.errors import FileFormatError
 from cornerforge.library import CaseLibrary
 from cornerforge.results import Analysed
@@ -65,11 +66,11 @@ def read_analysis(folder: Path, library: Path) -> Analysis:
     """
     command = f"cornerforge analyse {library} --out {folder}"
     found = open_json(folder / "analysis.json", command).read(Analysed)
-    table = read_parquet(folder / "cases.parquet", command)
+    table = read_cases_of(folder, command)
     missing = {"case_id", "pc1", "pc2", "cluster"} - set(table.column_names)
     if missing:
         raise FileFormatError(
-            f"{folder / 'cases.parquet'} lacks the column {sorted(missing)[0]}; write it again with: {command}"
+            f"{folder / CASES_FILE} lacks the column {sorted(missing)[0]}; write it again with: {command}"
         )
     return Analysis(folder, found, table)
 

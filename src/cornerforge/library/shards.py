@@ -167,10 +167,12 @@ class ShardReader:
 
     Attributes:
         damaged: File name to what is wrong with it.
+        own_columns: Names of the caller's own columns, which the manifest names.
     """
 
     def __init__(self, folder: Path, manifest: Manifest) -> None:
         self.damaged: dict[str, str] = {}
+        self.own_columns = tuple(manifest.extra or ())
         self._folder, self._odd = folder, manifest.odd
         self._seed = int(str(manifest.run["seed"]))
         self._scripted, self._on_rails = manifest.scripted, manifest.on_rails
@@ -186,8 +188,14 @@ class ShardReader:
                 if size is None:
                     self._note(file.name, "is missing")
                 elif size != file.size:
-                    changed = _where(_arrow_bytes(path)) or f"has {size} of {file.size} bytes"
-                    self._note(file.name, changed)
+                    self._note(file.name, self._difference(path) or f"has {size} of {file.size} bytes")
+
+    def _difference(self, path: Path) -> str | None:
+        """Find where a file of another size has been changed, if it can be read."""
+        try:
+            return _where(_arrow_bytes(path))
+        except OSError as error:
+            return f"cannot be read ({reason(error)})"
 
     def read(self, file: StoredFile) -> pa.Buffer | None:
         """Give a file's content if it is undamaged, else None. The bytes checked are the bytes parsed.
@@ -224,6 +232,9 @@ class ShardReader:
             missing = {field.name for field in CASES} - {field.name for field in _LATER} - set(there)
             if missing:
                 raise self._wrong(shard.cases_file, f'it lacks the column "{min(missing)}"')
+            surplus = set(there) - {field.name for field in CASES} - set(self.own_columns)
+            if surplus:
+                raise self._wrong(shard.cases_file, f'it has the column "{min(surplus)}", which is not in the manifest')
             table = pq.read_table(pa.BufferReader(content), columns=None if is_early else wanted)
             checks = TableChecks.of(table.schema)
         if table.num_rows != shard.cases:

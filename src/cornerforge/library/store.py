@@ -16,7 +16,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
+from cornerforge._files import reason
 from cornerforge._locks import claim_folder, claims, is_lock
+from cornerforge._words import shown
 from cornerforge.errors import FileFormatError, InputError, OutputError, UnknownCaseError, UnknownNameError
 from cornerforge.fields import CASES, HISTORY_SHAPE
 from cornerforge.library.manifest import (
@@ -400,6 +402,7 @@ class CaseLibrary:
     def _commit(self, manifest: Manifest) -> None:
         self._committed = write_manifest(self._path, manifest)
         self._manifest = manifest
+        self._reader.own_columns = tuple(manifest.extra or ())
 
     def scalars(self, columns: Sequence[str] | None = None) -> pa.Table:
         """Read all cases, one row each, ascending by test, without trajectories.
@@ -584,7 +587,11 @@ class CaseLibrary:
 @contextmanager
 def _claimed(folder: Path) -> Iterator[None]:
     """Claim a library's folder: up to the end of the call that is at work, or, where there is none, for this moment."""
-    if folder.exists() and not folder.is_dir():
+    try:
+        is_taken = folder.exists() and not folder.is_dir()
+    except OSError as error:  # the name is too long
+        raise OutputError(f"Cannot write {shown(str(folder))}: {reason(error)}; choose another place.") from error
+    if is_taken:
         raise OutputError(f"{folder} cannot be used as a folder: Not a directory; choose another place.")
     claim_folder(folder)
     with claims():

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cornerforge._files import check_regular
 from cornerforge.errors import DataError
 
 __all__ = ["FRAMES_PER_SECOND", "RecordingMeta", "is_companion", "read_classes", "read_recording_meta"]
@@ -109,6 +110,7 @@ def _beside(tracks: Path, what: str) -> Path | None:
 def _read_rows(path: Path) -> list[dict[str, str]]:
     opened = gzip.open if path.suffix == ".gz" else open
     try:
+        check_regular(path)
         with opened(path, "rt", encoding="utf-8-sig", newline="") as file:
             return list(csv.DictReader(file))
     except (OSError, EOFError, zlib.error, UnicodeDecodeError, csv.Error) as error:

@@ -12,8 +12,8 @@ import numpy as np
 from cornerforge._arguments import checked
 from cornerforge._locks import claims
 from cornerforge._objects import object_fault
-from cornerforge._table_checks import read_parquet
 from cornerforge.adversary.policy_file import load_policy
+from cornerforge.analysis.stored import CASES_FILE, read_cases_of
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.fields import REALS
 from cornerforge.foreign.loaders import is_foreign
@@ -37,7 +37,6 @@ __all__ = ["SEVERAL", "driver_of_cases", "experiment_of", "experiment_with", "is
 
 SEVERAL = "several AVs"
 """The AV of a library whose cases were made by different ones."""
-_ANALYSED = "cases.parquet"
 
 
 def experiment_of(cases: CaseLibrary, **asked: Unpack[AvProcessKeywords]) -> Experiment:
@@ -241,9 +240,8 @@ def query(library: Path | str, sql: str, *, seconds: float = SECONDS, megabytes:
         CornerForgeError: There is neither, it cannot be read, the SQL is wrong, or needs more than it may.
     """
     folder = Path(library)
-    analysed = folder / _ANALYSED
-    if not (folder / MANIFEST).exists() and analysed.is_file():
-        table = read_parquet(analysed, "cornerforge analyse")
+    if not (folder / MANIFEST).exists() and (folder / CASES_FILE).is_file():
+        table = read_cases_of(folder, "cornerforge analyse")
         columns, rows = run_sql(table, sql, seconds=seconds, megabytes=megabytes)
     else:
         _point_below(folder)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -29,16 +30,21 @@ FRAMES_PER_DECISION = round(1.0 / FRAME_S)
 def load_scenarios(library: Path, case_ids: Iterable[str]) -> Iterator[tuple[str, Scenario | None]]:
     """Read cases from a library, one at a time; None for those that it does not hold or that lie in a damaged shard.
 
+    Warns with `DamagedShardWarning` of files that do not hold what they should.
+
     Raises:
         FileFormatError: The folder is no library that can be read.
     """
-    from cornerforge.library import CaseLibrary
+    from cornerforge.library import CaseLibrary, DamagedShardWarning
 
     store = CaseLibrary.open(library)
     for case_id in case_ids:
         try:
             yield case_id, store.scenario(case_id).scenario
-        except (InputError, FileFormatError):
+        except InputError:
+            yield case_id, None
+        except FileFormatError as error:
+            warnings.warn(str(error), DamagedShardWarning, stacklevel=2)
             yield case_id, None
 
 
