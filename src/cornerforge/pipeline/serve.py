@@ -24,6 +24,7 @@ from cornerforge.library.manifest import MANIFEST
 from cornerforge.library.natural import is_natural, natural_weights
 from cornerforge.pipeline.beside import analysis_beside, own_folder
 from cornerforge.pipeline.export import EXPORTS, CaseWriter, has_rerun
+from cornerforge.pipeline.output import read_json_file
 from cornerforge.results.whole import Served
 
 if TYPE_CHECKING:
@@ -80,8 +81,7 @@ def serve(
     given = real_path(given)  # . and .. have no name, and a command that is copied holds from any folder
     found = _sources(given)
     driving = _driving(avs, found[0].source)
-    warnings = [line for one in found for line in (*one.source.cases.damaged, *_fault_of_notes(one.source))]
-    warnings += [line for one in found if one.source.natural for line in _doubts(one.source)]
+    warnings = _warnings(given, found)
     door = open_door(host, port)
     exhibit = Exhibit(given.name, [(one.source, one.analysis) for one in found], driving, warnings)
     served = Served(
@@ -152,6 +152,34 @@ def _sources(place: Path) -> list[_Found]:
     if not found:
         raise InputError(f"There is no case in {place} yet; fill a library with: cornerforge generate, or rate --out")
     return list(found.values())
+
+
+def _warnings(place: Path, found: Sequence[_Found]) -> list[str]:
+    """Say what of a folder is damaged, missing or to be doubted."""
+    lines = [line for one in found for line in (*one.source.cases.damaged, *_fault_of_notes(one.source))]
+    lines += [line for one in found if one.source.natural for line in _doubts(one.source)]
+    return lines + _absent(place)
+
+
+def _absent(place: Path) -> list[str]:
+    """Say which libraries of a folder are gone: a finished run says which it had."""
+    if (place / MANIFEST).exists():
+        return []
+    wanted: list[tuple[Path, ...]] = [(place / "library",)] if (place / "library").exists() else []
+    summary = place / "summary.json"
+    if summary.exists():
+        try:
+            said = read_json_file(summary)
+        except FileFormatError as error:
+            return [str(error)]
+        wanted = [(place / "library",)]
+        if said.get("natural_cases") is not None:
+            wanted.append((place / "natural" / "weighted", place / "natural" / "library"))
+    return [
+        f"{libraries[-1]} is no library of cases any more, so its cases are missing here; restore it from a copy."
+        for libraries in wanted
+        if not any((one / MANIFEST).exists() for one in libraries)
+    ]
 
 
 def _behind(exhibit: Exhibit, found: Sequence[_Found], threads: int | None, stopping: threading.Event) -> None:
