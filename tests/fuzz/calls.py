@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 import cornerforge
+from cornerforge._arguments import _keywords
 
 __all__ = ["call", "hostile_call", "plain_call"]
 
@@ -36,7 +37,7 @@ INTERFACE: dict[str, dict[str, Any]] = {
     "ndd_show": {}, "read_case_file": {"path": "lib/manifest.json"}, "shrink": {"library": "lib", "cases": ["0:8"],
     "out": "s"}, "figure": {"place": "lib", "out": "f"},
     "make_report": {"place": "lib", "out": "page", "threads": 1}, "import_cases": {"files": ["lib/manifest.json"],
-    "out": "i"}, "init": {"out": "new"}, "ndd_fit": {"files": ["lib/manifest.json"], "out": "n.npz"},
+    "out": "i"}, "init": {"folder": "new"}, "ndd_fit": {"files": ["lib/manifest.json"], "out": "n.npz"},
 }  # fmt: skip
 """Functions and what makes a small call of each; names of arguments are checked against the signature when drawn."""
 _ENVIRONMENTS = (
@@ -46,22 +47,25 @@ _ENVIRONMENTS = (
     "step",
     "vector.step",
     "vector.reset.seed",
-    "make.av",
+    "make.bv",
     "make.odd",
     "make.lanes",
-    "make.reward",
+    "make.actions",
     "make.model",
-    "make.surplus",
+    "make.act_every",
 )
 
 
 def _arguments(name: str) -> list[str]:
-    """Names of a function's arguments: those that stand in its signature, and those of the world."""
-    from cornerforge.world_options import WorldOptions
-
-    parameters = inspect.signature(getattr(cornerforge, name)).parameters.values()
-    names = [p.name for p in parameters if p.kind is not p.VAR_KEYWORD and p.name not in ("progress", "stay")]
-    return names + (list(WorldOptions.__dataclass_fields__) if any(p.kind is p.VAR_KEYWORD for p in parameters) else [])
+    """Names of a function's arguments: those that stand in its signature, and those of the world that it takes."""
+    function = getattr(cornerforge, name)
+    names: list[str] = []
+    for one in inspect.signature(function).parameters.values():
+        if one.kind is one.VAR_KEYWORD:
+            names += _keywords(function, one.annotation)
+        elif one.name not in ("progress", "stay"):
+            names.append(one.name)
+    return names
 
 
 def hostile_call(rng: np.random.Generator) -> list[str]:
@@ -119,5 +123,5 @@ def plain_call(words: list[str]) -> list[str]:
     """A drawn call with nothing odd."""
     if not words[0].startswith("env "):
         return [words[0], "{}"]
-    plain = {"env step": "array", "env vector.step": "array", "env make.av": "text"}
+    plain = {"env step": "array", "env vector.step": "array", "env make.bv": "text"}
     return [words[0], json.dumps({"value": plain.get(words[0], "two")})]

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["hostile_paths", "hostile_sql", "plain_path"]
+__all__ = ["hostile_av", "hostile_av_files", "hostile_paths", "hostile_sql", "plain_av", "plain_path"]
 
 
 def _take(rng: np.random.Generator, of: Any) -> Any:
@@ -65,6 +65,35 @@ def hostile_sql(rng: np.random.Generator) -> list[str]:
         at = int(rng.integers(len(words) + 1))
         words[at : at + int(rng.integers(2))] = [_take(rng, _PIECES)]
     return ["query", "lib", " ".join(words), "--json"]
+
+
+_PLACES = ("act", "setup", "__init__", "import")
+
+
+def hostile_av_files() -> dict[str, str]:
+    """Give modules whose class `Av` does what no AV should, by file name."""
+    from foreign.hostile_avs import FAULTS, HANGS, HARMLESS, module
+
+    codes = [*HARMLESS.values(), *(code for code, _ in FAULTS.values()), *HANGS.values()]
+    return {"plain.py": module("pass", "act")} | {
+        f"hostile_{k}_{n}.py": module(code, place) for k, code in enumerate(codes) for n, place in enumerate(_PLACES)
+    }
+
+
+def hostile_av(rng: np.random.Generator) -> list[str]:
+    """Draw a command that drives with such an AV."""
+    name = _take(rng, sorted(hostile_av_files())).removesuffix(".py")
+    command = _take(rng, (
+        "simulate --tests 8", "simulate --tests 8 --out sim", "retest lib", "check-av",
+        "generate --policy lane-changer --cases 1 --out o",
+    ))  # fmt: skip
+    words = _split(f"{command} --av {name}:Av --av-timeout 1 --av-memory 1 --json")
+    return words if words[0] == "check-av" else [*words, "--threads", "1"]
+
+
+def plain_av(words: list[str]) -> list[str]:
+    """A drawn command with an AV that only brakes."""
+    return ["plain:Av" if word.endswith(":Av") else word for word in words]
 
 
 def plain_path(words: list[str]) -> list[str]:

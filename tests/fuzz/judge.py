@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from foreign.hostile_avs import left_behind
 from fuzz.calls import call
 from fuzz.damage import done
 from fuzz.kinds import CONTROL, KINDS, Door, Kind
@@ -27,11 +28,13 @@ from cornerforge.errors import CornerForgeError
 
 __all__ = ["FAILURES", "OUTCOMES", "Judge", "Outcome"]
 
-OUTCOMES = ("same", "refused", "told", "other", "silent", "traceback", "hang", "memory", "partial", "lines")
+OUTCOMES = (
+    "same", "refused", "told", "other", "silent", "traceback", "hang", "memory", "partial", "lines", "survivor",
+)  # fmt: skip
 """same: the answer for the whole file. refused: one line. told: another answer, and a warning or a failed gate. other:
 another answer to what may be meant so. silent: another answer, without a word, to what could be noticed. lines: it was
-refused, but not in one readable line."""
-FAILURES = ("silent", "traceback", "hang", "memory", "partial", "lines")
+refused, but not in one readable line. survivor: a process that it started lives on."""
+FAILURES = ("silent", "traceback", "hang", "memory", "partial", "lines", "survivor")
 _BY_NAME = {kind.name: kind for kind in (*KINDS, CONTROL)}
 _LONGEST_LINE = 3000
 _TIMES = ("written", "seconds", "cpu_seconds", "sha256")
@@ -60,7 +63,7 @@ class _Run:
 
 
 def _made(folder: Path, before: dict[str, Any]) -> dict[str, Any]:
-    return {name: content for name, content in _files(folder).items() if before.get(name) != content}
+    return {name: content for name, content in _files(folder).items() if _text(before.get(name)) != _text(content)}
 
 
 def _files(folder: Path) -> dict[str, Any]:
@@ -208,7 +211,7 @@ class Judge:
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         door = Door("words", (lambda: call(*words)) if kind.name == "interface" else shlex.join(words))
         run = self._through(door, folder, before, words)
-        return self._fault(run, folder, memory) or Outcome(
+        return self._fault(run, folder, memory, words) or Outcome(
             "refused" if run.status == 2 or run.error else "told", run.words
         )
 
@@ -244,7 +247,7 @@ class Judge:
             error = error or RuntimeError(f"exit status {status}")
         return _Run(status, answer, "\n".join(lines), _made(folder, before), error)
 
-    def _fault(self, run: _Run, folder: Path, memory: int) -> Outcome | None:
+    def _fault(self, run: _Run, folder: Path, memory: int, words: list[str] | None = None) -> Outcome | None:
         """Say what is wrong with a run whatever was read."""
         if isinstance(run.error, MemoryError):
             return Outcome("memory", _frame(run.error))
@@ -255,7 +258,14 @@ class Judge:
         grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory) * 1024
         if grown > _MEMORY:
             return Outcome("memory", f"{grown / 2**30:.1f} GiB")
-        left = [name for name in run.files if name.endswith((".part", ".tmp", ".part.npz")) or "/.part" in name]
+        # What was asked for by such a name is no part of a file.
+        alive = left_behind(folder)
+        if alive:
+            return Outcome("survivor", f"processes {alive} live on")
+        left = [
+            name for name in run.files
+            if (name.endswith((".part", ".tmp", ".part.npz")) or "/.part" in name) and name not in (words or ())
+        ]  # fmt: skip
         if left:
             return Outcome("partial", " ".join(left))
         if run.error is not None or run.status == 2:

@@ -18,9 +18,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from fuzz.cached import with_cache
 from fuzz.calls import hostile_call, plain_call
 from fuzz.damage import Recipe, could_notice, drawn
-from fuzz.hostile import hostile_paths, hostile_sql, plain_path
+from fuzz.hostile import hostile_av, hostile_paths, hostile_sql, plain_av, plain_path
 from fuzz.options import hostile_options, plain_options
 
 __all__ = ["CONTROL", "KINDS", "Door", "Kind", "draw_input"]
@@ -59,7 +60,7 @@ class Kind:
         doors: Ways to read it.
         share: How many of 1,000 inputs are of it.
         free: Patterns of places in documents ("name.of.key") that no reader could doubt: free text, times, names; after
-            an @ of damage ("@place.*") that leaves what may be meant so.
+            an @ of damage ("@place.*") that leaves what may be meant so; or of a file, as those of a door.
         words: Draws the words of a command line instead of damage.
         plain: Makes of these words ones with nothing odd, which are tried first: what is slow only once, such as
             compiling, shall not look like a hang.
@@ -79,18 +80,19 @@ class Kind:
 
     def matters(self, recipe: Recipe, door: Door) -> bool:
         """Tell whether a reader of this kind could notice the damage, and need tell it."""
-        where = f"{recipe['file']} {recipe['op']} {recipe.get('column', recipe.get('array', ''))}".strip()
         keys = (
             [*recipe["path"][:-1], "surplus"]
             if recipe["op"] == "json.add" and "path" in recipe
             else recipe.get("path", ())
         )
-        place = ".".join(str(key) for key in keys) or f"@{recipe['op']}"
+        at = ".".join(str(key) for key in keys)
+        where = f"{recipe['file']} {recipe['op']} {recipe.get('column', recipe.get('array', at))}".strip()
+        place = at or f"@{recipe['op']}"
         if "*" in door.free:
             return False
         if not recipe.get("sealed", True):
             return True
-        free = any(fnmatch(where, one) for one in door.free) or any(fnmatch(place, one) for one in self.free)
+        free = any(fnmatch(name, one) for name in (where, place) for one in (*door.free, *self.free))
         return could_notice(recipe) and not free
 
 
@@ -221,7 +223,7 @@ def _exhibit(place: str) -> Callable[[], Answer]:
         from cornerforge.explorer import Exhibit
 
         found = verb._sources(Path(place).resolve())
-        told = [line for one in found for line in (*one.source.cases.damaged, *verb._fault_of_notes(one.source))]
+        told = verb._warnings(Path(place).resolve(), found)
         for line in told:
             warnings.warn(line, stacklevel=1)
         driving = verb._driving((), found[0].source)
@@ -272,7 +274,7 @@ CONTROL = Kind(
 
 _ONE = "--threads 1 --json"
 _LIBRARY_DOORS = (
-    Door("read", _library(), 12, ("*table.drop possible_shortfall_nats",)),
+    Door("read", _library(), 60, ()),
     Door("replay", "replay lib all --check --json", 3),
     Door("query", 'query lib "select * from cases" --json', 0.7),
     Door("analyse", f"analyse lib --out an {_ONE}", 3),
@@ -290,6 +292,9 @@ _LIBRARY_DOORS = (
 )
 _ABOUT = (
     "run.surplus",
+    "identity.surplus",
+    "*manifest.json json.drop run.*",  # early libraries name less
+    "* table.drop *shortfall_nats",  # and lack these columns
     "provenance*",
     "about*",
     "created_by",
@@ -303,98 +308,105 @@ _ABOUT = (
 
 KINDS = (
     Kind("model", "model files", "model", ("m.npz",), (
-        Door("read", _model, 8), Door("simulate", f"simulate --tests 2 --model m.npz {_ONE}"),
+        Door("read", _model, 20), Door("simulate", f"simulate --tests 2 --model m.npz {_ONE}"),
         Door("show", f"ndd show m.npz {_ONE}"),
-    ), 90, ("provenance*",)),
+    ), 90, ("provenance*", "* json.drop memory.*")),
     Kind("policy", "policies and AV files", "policy", ("p.safetensors",), (
-        Door("read", _policy, 6), Door("simulate", f"simulate --tests 8 --bv p.safetensors {_ONE}"),
+        Door("read", _policy, 20), Door("simulate", f"simulate --tests 8 --bv p.safetensors {_ONE}"),
         Door("softmax", f"simulate --tests 8 --bv p.safetensors --acting softmax:1 {_ONE}"),
-    ), 60, ("about*",)),
+    ), 120, ("about*",)),
     Kind("av", "policies and AV files", "av", ("a.safetensors",), (
-        Door("read", _av, 6), Door("simulate", f"simulate --tests 8 --av a.safetensors {_ONE}"),
-    ), 50, ("about*",)),
+        Door("read", _av, 20), Door("simulate", f"simulate --tests 8 --av a.safetensors {_ONE}"),
+    ), 90, ("about*",)),
     Kind("checkpoint", "checkpoints and snapshots", "checkpoint", ("p.safetensors.checkpoint",), (
         Door("read", _checkpoint, 6, ("* json.*", "* array.*")), Door("resume",
         f"train --out p.safetensors --decisions 2048 --tests 20 --resume {_ONE}", 0.5),
-    ), 25),
-    Kind("snapshot", "checkpoints and snapshots", "snapshot", ("w.world",), (Door("read", _snapshot),), 40,
+    ), 15),
+    Kind("snapshot", "checkpoints and snapshots", "snapshot", ("w.world",), (Door("read", _snapshot),), 80,
     ("@array.*",)),
-    Kind("library", "library", "library", ("lib", "lib/*"), _LIBRARY_DOORS, 200, _ABOUT),
+    Kind("library", "library", "library", ("lib", "lib/*"), _LIBRARY_DOORS, 180, _ABOUT),
     Kind("scripted library", "library", "case-file", ("imported/library/*",), (
-        Door("read", _library("imported/library"), 8), Door("replay", "replay imported/library all --check --json", 2),
+        Door("read", _library("imported/library"), 20), Door("replay", "replay imported/library all --check --json", 2),
         Door("analyse", f"analyse imported/library --out an {_ONE}", 2),
         Door("retest", f"retest imported/library --av idm-mobil {_ONE}", 1),
         Door("openscenario", "export imported/library all --to openscenario --out x --json", 1),
     ), 80, _ABOUT),
     Kind("analysis", "folders", "analysed", ("lib-analysis", "lib-analysis/*", "lib-notes.json"), (
-        Door("query", 'query lib-analysis "select * from cases" --json', 1), Door("serve", _exhibit("lib"), 3,
+        Door("query", 'query lib-analysis "select * from cases" --json', 2), Door("serve", _exhibit("lib"), 3,
         free=("*",)),
-        Door("figure", "figure lib --out f --json", 0.3),
+        Door("figure", "figure lib --out f --json", 0.03),
         Door("again", f"analyse lib --out lib-analysis {_ONE}", 1, free=("*",)),
     ), 35, _ABOUT),
     Kind("rate folder", "folders", "rate", ("rate", "rate/*", "rate/library/*"), (
-        Door("resume", f"rate --method mc --max-tests 300 --av flawed-not-behind --out rate --resume {_ONE}", 3,
-        ("rate place.*", "rate/library place.missing")),
-        Door("report", f"report rate --out page {_ONE}", 1), Door("serve", _exhibit("rate"), 1),
-    ), 40, _ABOUT),
+        Door("resume", f"rate --method mc --max-tests 300 --av flawed-not-behind --out rate --resume {_ONE}", 2,
+        ("rate place.*", "rate/library place.*")),
+        Door("report", f"report rate --out page {_ONE}", 0.2), Door("serve", _exhibit("rate"), 4),
+    ), 30, _ABOUT),
     Kind("trees folder", "folders", "trees", ("rate", "rate/*", "rate/trees", "rate/trees/*", "rate/weighted/*"), (
         Door("resume", f"rate --method splitting --max-tests 6000 --av flawed-not-behind --out rate --resume {_ONE}",
-        1),
-        Door("report", f"report rate --out page {_ONE}", 1), Door("serve", _exhibit("rate"), 1),
-        Door("replay", "replay rate/weighted all --check --json", 1),
-    ), 20, _ABOUT),
+        2),
+        Door("report", f"report rate --out page {_ONE}", 0.1), Door("serve", _exhibit("rate"), 4),
+        Door("replay", "replay rate/weighted all --check --json", 0.1),
+    ), 14, _ABOUT),
     Kind("run folder", "folders", "run", ("run", "run/*", "run/*/*"), (
-        Door("resume", f"run --effort quick --seed 2 --av flawed-not-behind --out run --resume {_ONE}", 1),
-        Door("report", f"report run {_ONE}", 2), Door("serve", _exhibit("run"), 2),
-    ), 40, _ABOUT),
+        Door("resume", f"run --effort quick --seed 2 --av flawed-not-behind --out run --resume {_ONE}", 0.4,
+        ("* place.missing",)),
+        Door("report", f"report run {_ONE}", 1), Door("serve", _exhibit("run"), 4,
+        ("run/analysis place.*", "run/natural/analysis place.*", "run/*analysis/* place.*")),  # it analyses anew
+    ), 24, _ABOUT),
     Kind("suite", "folders", "suite", ("suite", "suite/*"), (
-        Door("retest", f"retest suite --av idm-mobil {_ONE}"), Door("read", _library("suite")),
+        Door("retest", f"retest suite --av idm-mobil {_ONE}"), Door("read", _library("suite"), 3),
     ), 20, _ABOUT),
-    Kind("ngsim", "trajectories", "tracks", ("ngsim.csv",), (Door("read", _decisions("ngsim.csv"), 6), Door("scene",
-    _traffic("ngsim.csv"), 2), Door("cases", f"cases from-data ngsim.csv --out x {_ONE}", 0.3)), 35),
-    Kind("clips", "trajectories", "tracks", ("clips.csv",), (Door("read", _decisions("clips.csv"), 6), Door("scene",
-    _traffic("clips.csv"), 2), Door("cases", f"cases from-data clips.csv --out x {_ONE}", 0.3)), 35),
+    Kind("ngsim", "trajectories", "tracks", ("ngsim.csv",), (Door("read", _decisions("ngsim.csv"), 10), Door("scene",
+    _traffic("ngsim.csv"), 2), Door("cases", f"cases from-data ngsim.csv --out x {_ONE}", 0.1)), 60),
+    Kind("clips", "trajectories", "tracks", ("clips.csv",), (Door("read", _decisions("clips.csv"), 10), Door("scene",
+    _traffic("clips.csv"), 2), Door("cases", f"cases from-data clips.csv --out x {_ONE}", 0.1)), 60),
     Kind("tgsim", "trajectories", "tracks", ("tgsim.csv",), (Door("read", _decisions("tgsim.csv"), 6), Door("scene",
-    _traffic("tgsim.csv"), 2)), 30),
+    _traffic("tgsim.csv"), 2)), 60),
     Kind("highd", "trajectories", "tracks", ("01_*.csv",), (Door("read", _decisions("01_tracks.csv"), 6), Door("scene",
-    _traffic("01_tracks.csv"), 2)), 40),
+    _traffic("01_tracks.csv"), 2)), 60),
     Kind("pairs", "trajectories", "tracks", ("pairs.csv",), (Door("read", _decisions("pairs.csv"), 6), Door("fit",
-    f"ndd fit pairs.csv --out new.npz {_ONE}", 0.1)), 30),
-    Kind("leaders", "trajectories", "tracks", ("leaders.csv",), (Door("read", _decisions("leaders.csv")),), 30),
+    f"ndd fit pairs.csv --out new.npz {_ONE}", 0.05)), 60),
+    Kind("leaders", "trajectories", "tracks", ("leaders.csv",), (Door("read", _decisions("leaders.csv")),), 60),
     Kind("ivbss", "IVBSS arrays", "ivbss", ("NDD_DATA", "NDD_DATA/*", "NDD_DATA/*/*"), (Door("import",
     f"ndd import NDD_DATA --out new.npz {_ONE}"),), 5, ("@place.*",)),
     Kind("openscenario", "scenarios of other tools", "scenarios", ("osc/*", "osc/*/*"), (
         Door("read", _moving("read_openscenario", "osc/cut_in.xosc"), 8), Door("import",
-        "import osc/cut_in.xosc --out x --json", 1),
-    ), 90),
+        "import osc/cut_in.xosc --out x --json", 0.4),
+    ), 130),
     Kind("own openscenario", "scenarios of other tools", "scenarios", ("openscenario/*.xo*",), (
         Door("read", _moving("read_openscenario", "openscenario/case-0-8.xosc")),
     ), 20),
     Kind("commonroad", "scenarios of other tools", "scenarios", ("commonroad/*.xml",), (
         Door("read", _moving("read_commonroad", "commonroad/case-0-8.xml"), 8), Door("import",
-        "import commonroad/case-0-8.xml --out x --json", 1),
-    ), 60),
+        "import commonroad/case-0-8.xml --out x --json", 0.4),
+    ), 35),
     Kind("csv cases", "scenarios of other tools", "scenarios", ("csv/*.csv",), (
         Door("read", _moving("tables", "csv/case-0-8.csv"), 8), Door("import",
-        "import csv/case-0-8.csv --out x --json", 1),
-    ), 40),
+        "import csv/case-0-8.csv --out x --json", 0.4),
+    ), 60),
     Kind("parquet cases", "scenarios of other tools", "scenarios", ("parquet/*.parquet",), (
         Door("read", _moving("tables", "parquet/case-0-8.parquet"), 8), Door("import",
-        "import parquet/case-0-8.parquet --out x --json", 1),
-    ), 40),
+        "import parquet/case-0-8.parquet --out x --json", 0.4),
+    ), 60, ("* table.add *", "* table.type *", "* table.less *")),  # people write them: no checksums, any type
     Kind("case file", "case files", "case-file", ("imported/cases", "imported/cases/*.json"), (
         Door("read", _read_case, 12), Door("retest", f"retest imported/cases --av idm-mobil {_ONE}", 1),
-    ), 80, ("facts*", "name", "made_by", "licence", "*description*")),
+    ), 150, ("facts*", "name", "made_by", "licence", "*description*", "* json.drop vehicles.*.start.*")),
     Kind(
-        "config", "options", "config", ("c.toml",), (Door("simulate", "simulate --config c.toml --json"),), 40,
+        "config", "options", "config", ("c.toml",), (Door("simulate", "simulate --config c.toml --json"),), 60,
         waits=True,
     ),
     Kind("options", "options", "everything", (), (Door("words", ""),), 60, words=hostile_options, plain=plain_options),
-    Kind("output paths", "output paths", "library", (), (Door("words", ""),), 25, words=hostile_paths,
+    Kind("output paths", "output paths", "library", (), (Door("words", ""),), 14, words=hostile_paths,
     plain=plain_path),
     Kind("sql", "SQL", "library", (), (Door("words", ""),), 5, words=hostile_sql),
     Kind("interface", "Python interface and environments", "library", (), (Door("call", ""),), 60, words=hostile_call,
     plain=plain_call),
+    Kind("hostile AV", "AV classes", "hostile-avs", (), (Door("words", ""),), 0.4, words=hostile_av,
+    plain=plain_av),
+    Kind("kernel cache", "kernel cache", "kernel-cache", ("cache/*", "cache/*/*"), (
+        Door("call", with_cache, free=("*",)),
+    ), 8),
     Kind("network", "ONNX and SB3", "network", ("n.onnx", "s.zip"), (
         Door("onnx", f"simulate --tests 2 --av n.onnx --av-processes 1 {_ONE}"), Door("sb3",
         f"simulate --tests 2 --av s.zip --av-processes 1 {_ONE}"),

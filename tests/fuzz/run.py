@@ -28,8 +28,9 @@ from fuzz.seeds import seed_folder  # noqa: E402
 from fuzz.workers import Worker  # noqa: E402
 
 FOUND = Path(__file__).parent / "found"
-BAD = ("silent", "traceback", "hang", "memory", "partial", "lines", "stale", "broken")
-COLUMNS = ("same", "refused", "told", "other", "silent", "traceback", "hang", "memory", "partial", "lines")
+BAD = ("silent", "traceback", "hang", "memory", "partial", "lines", "survivor", "stale", "broken")
+COLUMNS = ("same", "refused", "told", "other", "silent", "traceback", "hang", "memory", "partial", "lines",
+           "survivor")  # fmt: skip
 
 
 class _Work:

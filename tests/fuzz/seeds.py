@@ -248,6 +248,22 @@ def _everything(root: Path) -> None:
             shutil.copy(whole, name)
 
 
+@_seed("hostile-avs")
+def _hostile_avs(root: Path) -> None:
+    from fuzz.hostile import hostile_av_files
+
+    shutil.copytree(seed_folder(root, "library") / "lib", "lib")
+    for name, text in hostile_av_files().items():
+        Path(name).write_text(text, encoding="utf-8")
+
+
+@_seed("kernel-cache")
+def _kernel_cache(_: Path) -> None:
+    from fuzz.cached import with_cache
+
+    with_cache()
+
+
 @_seed("nothing")
 def _nothing(_: Path) -> None:
     Path("full").mkdir()
