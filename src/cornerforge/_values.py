@@ -101,7 +101,9 @@ def column_fault(column: pa.ChunkedArray, field: Field, name_of: Callable[[int],
         flat = np.where(column.is_null().to_numpy(), np.nan, flat) if flat.dtype.kind in "if" else flat
     if flat.dtype.kind not in "if":
         return None
-    wrong = _wrong(flat, field, is_list=isinstance(values, Ragged))
+    wrong = _wrong(flat, field)
+    if not isinstance(values, Ragged) and column.null_count:
+        wrong &= ~column.is_null().to_numpy()  # NaN stands for what is missing, which it may be
     if not wrong.any():
         return None
     place = int(np.flatnonzero(wrong)[0])
@@ -123,7 +125,7 @@ def _same_type(found: pa.DataType, wanted: pa.DataType) -> bool:
     return bool(found == wanted)
 
 
-def _wrong(flat: NDArray[Any], field: Field, *, is_list: bool) -> NDArray[np.bool_]:
+def _wrong(flat: NDArray[Any], field: Field) -> NDArray[np.bool_]:
     if flat.dtype.kind == "i":
         low, high = field.within or (-np.inf, np.inf)
         wrong: NDArray[np.bool_] = (flat < low) | (flat > high)
@@ -131,7 +133,7 @@ def _wrong(flat: NDArray[Any], field: Field, *, is_list: bool) -> NDArray[np.boo
     low, high = field.within or (np.finfo(np.float64).min, np.finfo(np.float64).max)
     nan = np.isnan(flat)
     wrong = ~nan & ((flat < low) | (flat > high))
-    return wrong if field.may_be_nan or (field.is_nullable and not is_list) else wrong | nan
+    return wrong if field.may_be_nan else wrong | nan
 
 
 def _must(field: Field) -> str:

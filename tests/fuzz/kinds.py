@@ -220,10 +220,12 @@ def _exhibit(place: str) -> Callable[[], Answer]:
         import importlib
 
         verb = importlib.import_module("cornerforge.pipeline.serve")
+        from cornerforge._files import real_path
         from cornerforge.explorer import Exhibit
 
-        found = verb._sources(Path(place).resolve())
-        told = verb._warnings(Path(place).resolve(), found)
+        given = real_path(Path(place))
+        found = verb._sources(given)
+        told = verb._warnings(given, found)
         for line in told:
             warnings.warn(line, stacklevel=1)
         driving = verb._driving((), found[0].source)
@@ -295,6 +297,8 @@ _ABOUT = (
     "identity.surplus",
     "*manifest.json json.drop run.*",  # early libraries name less
     "* table.drop *shortfall_nats",  # and lack these columns
+    "* table.null *shortfall_nats",
+    "* table.cell *shortfall_nats",  # which may be infinite
     "provenance*",
     "about*",
     "created_by",
@@ -310,7 +314,7 @@ KINDS = (
     Kind("model", "model files", "model", ("m.npz",), (
         Door("read", _model, 20), Door("simulate", f"simulate --tests 2 --model m.npz {_ONE}"),
         Door("show", f"ndd show m.npz {_ONE}"),
-    ), 90, ("provenance*", "* json.drop memory.*")),
+    ), 90, ("provenance*", "* json.drop memory.*", "* json.drop initial.signal_share")),
     Kind("policy", "policies and AV files", "policy", ("p.safetensors",), (
         Door("read", _policy, 20), Door("simulate", f"simulate --tests 8 --bv p.safetensors {_ONE}"),
         Door("softmax", f"simulate --tests 8 --bv p.safetensors --acting softmax:1 {_ONE}"),
@@ -339,7 +343,7 @@ KINDS = (
     ), 35, _ABOUT),
     Kind("rate folder", "folders", "rate", ("rate", "rate/*", "rate/library/*"), (
         Door("resume", f"rate --method mc --max-tests 300 --av flawed-not-behind --out rate --resume {_ONE}", 2,
-        ("rate place.*", "rate/library place.*")),
+        ("rate place.*", "rate/library* place.*")),
         Door("report", f"report rate --out page {_ONE}", 0.2), Door("serve", _exhibit("rate"), 4),
     ), 30, _ABOUT),
     Kind("trees folder", "folders", "trees", ("rate", "rate/*", "rate/trees", "rate/trees/*", "rate/weighted/*"), (
@@ -352,7 +356,7 @@ KINDS = (
         Door("resume", f"run --effort quick --seed 2 --av flawed-not-behind --out run --resume {_ONE}", 0.4,
         ("* place.missing",)),
         Door("report", f"report run {_ONE}", 1), Door("serve", _exhibit("run"), 4,
-        ("run/analysis place.*", "run/natural/analysis place.*", "run/*analysis/* place.*")),  # it analyses anew
+        ("run/*analysis place.*", "run/*analysis/* place.*", "run/*provenance.json *")),  # it analyses anew
     ), 24, _ABOUT),
     Kind("suite", "folders", "suite", ("suite", "suite/*"), (
         Door("retest", f"retest suite --av idm-mobil {_ONE}"), Door("read", _library("suite"), 3),

@@ -34,8 +34,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the made-up recordings of the tests
 
-VOLATILE = ("seconds", "written", "acceleration", "reason", "cost")
-"""What no two runs share, because it comes from times; so does what ends in _seconds or _per_second."""
+VOLATILE = ("seconds", "written", "acceleration", "reason", "cost", "kept")
+"""What no two runs share, since it comes from times; so does what ends in _seconds or _per_second. `kept` says whether
+a finished policy was there, as after a kill in the measuring that follows."""
 SIGNALS = (signal.SIGKILL,) * 6 + (signal.SIGINT,) * 2 + (signal.SIGTERM,)
 REFUSALS = ("is being written by", "which is being written by", "holds results already", "exists already",
             "is there already", "holds a library of this run already", "holds an unfinished training")  # fmt: skip

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._arguments import checked
-from cornerforge._files import reason, writing
+from cornerforge._files import check_regular, reason, writing
 from cornerforge._locks import claim_file, claims
 from cornerforge._strict_json import parse
 from cornerforge.drivers.rails import POSE_NUMBERS, X
@@ -209,6 +209,7 @@ def read_case_file(path: Path | str) -> CaseFile:
     """
     path = Path(path)
     try:
+        check_regular(path)
         with path.open("rb") as file:
             content = file.read(MOST_BYTES + 1)
     except OSError as error:

@@ -214,6 +214,7 @@ def read_artefacts(out: Path) -> Artefacts:
     run, analyse = f"cornerforge run --out {out}", analyse_command(out)
     summary, exposure = open_json(out / "summary.json", run), open_json(out / "exposure.json", run)
     analysis = open_json(out / "analysis" / "analysis.json", analyse)
+    analysed = analysis.read(Analysed)
     provenance = open_json(out / "provenance.json", run)
     found = Artefacts(
         out=out,
@@ -222,8 +223,8 @@ def read_artefacts(out: Path) -> Artefacts:
         summary=_named(summary.read(Summary)),
         training=_timed(open_json(out / "training.json", run).read(TrainingCurve), provenance),
         exposure=exposure.read(Exposure),
-        analysis=analysis.read(Analysed),
-        points=_points(out / "analysis" / "points.parquet", analyse),
+        analysis=analysed,
+        points=_points(out / "analysis" / "points.parquet", analyse, analysed),
         provenance=provenance.values,
         command=run,
     )
@@ -274,7 +275,7 @@ def library_artefacts(library: Path, out: Path) -> Artefacts:
         training=None,
         exposure=None,
         analysis=found,
-        points=_points(out / "analysis" / "points.parquet", command),
+        points=_points(out / "analysis" / "points.parquet", command, found),
         provenance=made.values,
         command=command,
     )
@@ -366,10 +367,10 @@ def _check_exposed(file: JsonFile, key: str, found: Exposed) -> None:
             raise file.fault(f"{key}.{world}", f"has {len(counts)} entries instead of {len(found.edges) - 1}")
 
 
-def _points(file: Path, command: str) -> Points:
+def _points(file: Path, command: str, found: Analysed) -> Points:
     names = ["case_id", "pc1", "pc2", "group", "cluster", "crash_type"]
     columns = read_table(file, names, command)
-    fault = _points_fault(columns)
+    fault = _points_fault(columns, found)
     if fault:
         raise FileFormatError(f"{file}: {fault}; write it again with: {command}")
     return Points(
@@ -382,10 +383,13 @@ def _points(file: Path, command: str) -> Points:
     )
 
 
-def _points_fault(columns: dict[str, list[Any]]) -> str | None:
+def _points_fault(columns: dict[str, list[Any]], found: Analysed) -> str | None:
     """Say what is wrong with the columns; None if nothing is."""
     for name, values in columns.items():
         if any(value is None or (isinstance(value, float) and not math.isfinite(value)) for value in values):
             return f'the column "{name}" holds a value that is missing or not finite'
-    unknown = set(columns["group"]) - {"majority", "minority"}
-    return f'the column "group" holds {sorted(unknown)[0]!r}, allowed: majority, minority' if unknown else None
+    for name, known in {"group": ("majority", "minority"), "crash_type": tuple(found.crash_types)}.items():
+        unknown = set(columns[name]) - set(known)
+        if unknown:
+            return f'the column "{name}" holds {sorted(unknown)[0]!r}, allowed: {", ".join(known)}'
+    return None

@@ -13,6 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from cornerforge._checks import check_integer
+from cornerforge._strict_json import parse
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.world import MAX_BRANCH, VEHICLE, World, allocate_worlds, n_slots, world_of
@@ -98,7 +99,7 @@ def _allocated(head: bytes, size: int) -> World:
         FileFormatError: It describes no world of this version.
     """
     try:
-        header = json.loads(head)
+        header = parse(head.decode())
         version = header["schema_version"]
     except (ValueError, KeyError, TypeError) as error:
         raise FileFormatError("This stored world is damaged: its first line cannot be read.") from error
