@@ -584,7 +584,9 @@ def main() -> int:
     begun = time.monotonic()
     make_small()
     with tempfile.TemporaryDirectory(prefix="cornerforge-kill-") as folder:
-        counts = _all(Killer(Path(folder).resolve(), seed), names, asked.kills, asked.minutes, begun)
+        counts = {name: Count() for name in names}
+        with contextlib.suppress(KeyboardInterrupt):  # what was counted so far is told
+            _all(Killer(Path(folder).resolve(), seed), counts, asked.kills, asked.minutes, begun)
     _table(counts)
     kills = sum(one.kills for one in counts.values())
     bad = sum(one.bad for one in counts.values())
@@ -592,22 +594,21 @@ def main() -> int:
     return 1 if bad or (kills < asked.kills and asked.minutes is None) else 0
 
 
-def _all(killer: Killer, names: Sequence[str], kills: int, minutes: float | None, begun: float) -> dict[str, Count]:
+def _all(killer: Killer, counts: Mapping[str, Count], kills: int, minutes: float | None, begun: float) -> None:
     """Kill each command in turn until there are enough kills."""
-    counts = {name: Count() for name in names}
     wanted: dict[str, Undisturbed] = {}
     small = small_disk(killer.work / "case")
     if small is None:
         print("No small file system can be mounted here: a full disk is tried by a limit of file sizes only.")
     while True:
-        for name in names:
+        for name in counts:
             done = sum(one.kills for one in counts.values())
             if (
                 done >= kills
                 or all(one.is_broken for one in counts.values())
                 or (minutes is not None and time.monotonic() - begun > 60.0 * minutes)
             ):
-                return counts
+                return
             job, count = JOBS[name], counts[name]
             if count.is_broken:
                 continue
