@@ -48,12 +48,14 @@ _PLAIN = {
 
 
 def is_several(value: object) -> TypeGuard[Sequence[Any]]:
-    """Tell whether a value is a list, a tuple, an array or the like; a text is none.
+    """Tell whether a value is a list, a tuple, an array of values or the like; a text is none.
 
     >>> is_several([1]), is_several("1"), is_several(1)
     (True, False, False)
     """
-    return isinstance(value, (Sequence, np.ndarray)) and not isinstance(value, (str, bytes, bytearray))
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0
+    return isinstance(value, Sequence) and not isinstance(value, (str, bytes, bytearray))
 
 
 @functools.cache

@@ -35,6 +35,7 @@ _SHARPNESS = (-1e5, 1e5)
 _SIZES = (0.1, 100.0)
 _SIZE_OF_TWO = (-100.0, 100.0)
 _POSITIVE = (0.0, _ANY)
+_GREATEST = (0.0, 1e6)
 _MOST_LANES = 6
 _INT16, _INT64 = 2**15 - 1, 2**63 - 1
 
@@ -172,15 +173,15 @@ def _limits(who: str, name: str) -> tuple[Field, ...]:
     return (
         Field(
             f"{who}_max_acceleration_mps2", real, "m/s2", f"Largest acceleration of {name}; null below 2 frames.",
-            _POSITIVE,
+            _GREATEST,
         ),
         Field(
             f"{who}_max_braking_mps2", real, "m/s2", f"Largest braking of {name}, positive; null below 2 frames.",
-            _POSITIVE,
+            _GREATEST,
         ),
         Field(
             f"{who}_max_lateral_acceleration_mps2", real, "m/s2",
-            f"Largest |lateral acceleration| of {name}, second differences of y; null below 3 frames.", _POSITIVE,
+            f"Largest |lateral acceleration| of {name}, second differences of y; null below 3 frames.", _GREATEST,
         ),
     )  # fmt: skip
 

@@ -135,7 +135,8 @@ def _checkpoint() -> Answer:
     seed = parts_of(Path("whole.safetensors"))
     (header,) = seed.documents.values()
     state = CheckpointFile(path, header["identity"]).read()
-    assert state is not None
+    if state is None:
+        return None
     return [_digest(*state.arrays.values()), sorted(state.arrays), state.values]
 
 
@@ -295,6 +296,13 @@ _LIBRARY_DOORS = (
 _ABOUT = (
     "run.surplus",
     "identity.surplus",
+    "run.cornerforge",
+    "*manifest.json json.drop shards.*",  # a library may have fewer
+    "* table.drop bv_*",  # early libraries lack what they are
+    "* table.null bv_*",
+    "* table.* n_implausible",
+    "* table.cell av_width_m",  # of the library's own
+    "* table.cell av_length_m",
     "*manifest.json json.drop run.*",  # early libraries name less
     "* table.drop *shortfall_nats",  # and lack these columns
     "* table.null *shortfall_nats",
@@ -314,7 +322,7 @@ KINDS = (
     Kind("model", "model files", "model", ("m.npz",), (
         Door("read", _model, 20), Door("simulate", f"simulate --tests 2 --model m.npz {_ONE}"),
         Door("show", f"ndd show m.npz {_ONE}"),
-    ), 90, ("provenance*", "* json.drop memory.*", "* json.drop initial.signal_share")),
+    ), 90, ("provenance*", "* json.drop memory.*", "* json.drop initial.*")),
     Kind("policy", "policies and AV files", "policy", ("p.safetensors",), (
         Door("read", _policy, 20), Door("simulate", f"simulate --tests 8 --bv p.safetensors {_ONE}"),
         Door("softmax", f"simulate --tests 8 --bv p.safetensors --acting softmax:1 {_ONE}"),
@@ -323,7 +331,7 @@ KINDS = (
         Door("read", _av, 20), Door("simulate", f"simulate --tests 8 --av a.safetensors {_ONE}"),
     ), 90, ("about*",)),
     Kind("checkpoint", "checkpoints and snapshots", "checkpoint", ("p.safetensors.checkpoint",), (
-        Door("read", _checkpoint, 6, ("* json.*", "* array.*")), Door("resume",
+        Door("read", _checkpoint, 6, ("* json.*", "* array.*", "* place.missing")), Door("resume",
         f"train --out p.safetensors --decisions 2048 --tests 20 --resume {_ONE}", 0.5),
     ), 15),
     Kind("snapshot", "checkpoints and snapshots", "snapshot", ("w.world",), (Door("read", _snapshot),), 80,
@@ -336,7 +344,10 @@ KINDS = (
         Door("openscenario", "export imported/library all --to openscenario --out x --json", 1),
     ), 80, _ABOUT),
     Kind("analysis", "folders", "analysed", ("lib-analysis", "lib-analysis/*", "lib-notes.json"), (
-        Door("query", 'query lib-analysis "select * from cases" --json', 2), Door("serve", _exhibit("lib"), 3,
+        # What it says of cases has types and ranges only where the analysis is made: SQL shows what is there.
+        Door("query", 'query lib-analysis "select * from cases" --json', 2,
+        tuple(f"* table.{op} *" for op in ("drop", "add", "cell", "null", "type"))),
+        Door("serve", _exhibit("lib"), 3,
         free=("*",)),
         Door("figure", "figure lib --out f --json", 0.03),
         Door("again", f"analyse lib --out lib-analysis {_ONE}", 1, free=("*",)),
@@ -356,7 +367,8 @@ KINDS = (
         Door("resume", f"run --effort quick --seed 2 --av flawed-not-behind --out run --resume {_ONE}", 0.4,
         ("* place.missing",)),
         Door("report", f"report run {_ONE}", 1), Door("serve", _exhibit("run"), 4,
-        ("run/*analysis place.*", "run/*analysis/* place.*", "run/*provenance.json *")),  # it analyses anew
+        ("run/*analysis place.*", "run/*analysis/* place.*", "run/*provenance.json *", "run/stages*",
+        "* table.add *")),  # it analyses anew
     ), 24, _ABOUT),
     Kind("suite", "folders", "suite", ("suite", "suite/*"), (
         Door("retest", f"retest suite --av idm-mobil {_ONE}"), Door("read", _library("suite"), 3),
@@ -373,7 +385,7 @@ KINDS = (
     f"ndd fit pairs.csv --out new.npz {_ONE}", 0.05)), 60),
     Kind("leaders", "trajectories", "tracks", ("leaders.csv",), (Door("read", _decisions("leaders.csv")),), 60),
     Kind("ivbss", "IVBSS arrays", "ivbss", ("NDD_DATA", "NDD_DATA/*", "NDD_DATA/*/*"), (Door("import",
-    f"ndd import NDD_DATA --out new.npz {_ONE}"),), 5, ("@place.*",)),
+    f"ndd import NDD_DATA --out new.npz {_ONE}"),), 5, ("@place.*", "* array.dtype fill_value")),
     Kind("openscenario", "scenarios of other tools", "scenarios", ("osc/*", "osc/*/*"), (
         Door("read", _moving("read_openscenario", "osc/cut_in.xosc"), 8), Door("import",
         "import osc/cut_in.xosc --out x --json", 0.4),
@@ -395,9 +407,11 @@ KINDS = (
     ), 60, ("* table.add *", "* table.type *", "* table.less *")),  # people write them: no checksums, any type
     Kind("case file", "case files", "case-file", ("imported/cases", "imported/cases/*.json"), (
         Door("read", _read_case, 12), Door("retest", f"retest imported/cases --av idm-mobil {_ONE}", 1),
-    ), 150, ("facts*", "name", "made_by", "licence", "*description*", "* json.drop vehicles.*.start.*")),
+    ), 150, ("facts*", "name", "made_by", "licence", "*description*", "notes*", "* json.drop vehicles.*.start.*",
+    "* json.drop road.*")),
     Kind(
-        "config", "options", "config", ("c.toml",), (Door("simulate", "simulate --config c.toml --json"),), 60,
+        "config", "options", "config", ("c.toml",), (Door("simulate", "simulate --config c.toml --json",
+        free=("* place.empty", "* place.null", "* place.zero")),), 60,
         waits=True,
     ),
     Kind("options", "options", "everything", (), (Door("words", ""),), 60, words=hostile_options, plain=plain_options),

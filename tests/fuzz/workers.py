@@ -74,10 +74,10 @@ class Worker:
         seeds: Where seeds are kept.
         room: Folder for the inputs.
         number: Of the worker.
-        cpu_s: An input that computes longer hangs [s]; the longest that is right computes for about 3 s.
+        cpu_s: An input that computes longer hangs [s]; compiling what was not prepared takes up to 40 s.
     """
 
-    def __init__(self, seeds: Path, room: Path, number: int, *, cpu_s: float = 20.0) -> None:
+    def __init__(self, seeds: Path, room: Path, number: int, *, cpu_s: float = 60.0) -> None:
         self._limit = cpu_s
         self._seeds, self._room, self._number = seeds, room, number
         self._process: mp.process.BaseProcess | None = None

@@ -1,4 +1,4 @@
-"""The table of judged cases that an analysis wrote, as its readers take it."""
+"""Tables that an analysis wrote, as its readers take them."""
 
 from __future__ import annotations
 
@@ -11,17 +11,20 @@ from cornerforge._table_checks import read_parquet
 from cornerforge.errors import FileFormatError
 from cornerforge.results.reading import open_json
 
-__all__ = ["CASES_FILE", "read_cases_of"]
+__all__ = ["CASES_FILE", "read_analysed"]
 
 CASES_FILE = "cases.parquet"
-"""Name of the table: one row for each case, with all its measures."""
+"""Name of the table with all measures of each case."""
+_OF_EACH_CASE = (CASES_FILE, "points.parquet")
 
 
-def read_cases_of(folder: Path, command: str, columns: Sequence[str] | None = None, *, fewer: bool = False) -> pa.Table:
-    """Read the table of an analysis, and compare with its `analysis.json`, if there is one, how many cases it holds.
+def read_analysed(file: Path, command: str, columns: Sequence[str] | None = None, *, fewer: bool = False) -> pa.Table:
+    """Read a table of an analysis.
+
+    If it has a row for each case, the `analysis.json` beside it says how many there must be, if it is there.
 
     Args:
-        folder: Folder of the analysis.
+        file: The table.
         command: What writes it again, for messages.
         columns: Columns to read; None: all.
         fewer: Leave out those that the table lacks, instead of refusing it.
@@ -29,9 +32,9 @@ def read_cases_of(folder: Path, command: str, columns: Sequence[str] | None = No
     Raises:
         FileFormatError: The table is missing, damaged or changed, lacks a column, or holds more or fewer cases.
     """
-    file, said = folder / CASES_FILE, folder / "analysis.json"
+    said = file.with_name("analysis.json")
     table = read_parquet(file, command, columns, fewer=fewer)
-    if said.exists():
+    if file.name in _OF_EACH_CASE and said.exists():
         cases = open_json(said, command).values.get("cases")
         if cases != table.num_rows:
             raise FileFormatError(

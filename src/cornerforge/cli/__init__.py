@@ -134,7 +134,7 @@ def _run(given: list[str], call: Call) -> int:
         except BrokenPipeError:
             raise
         except OSError as error:  # what no reader or writer has put into words of its own
-            named = "" if error.filename is None else f"{shown(os.fspath(error.filename))}: "
+            named = "" if error.filename is None else f"{shown(str(error.filename))}: "
             return _complain(f"{named}{reason(error)}; remove it, or choose another place.", debug=debug())
         except typer.Abort as abort:
             if isinstance(abort.__cause__, EOFError):  # a file that ended early, not a person at the keyboard

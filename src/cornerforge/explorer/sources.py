@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from cornerforge._table_checks import read_parquet
-from cornerforge.analysis.stored import CASES_FILE, read_cases_of
+from cornerforge.analysis.stored import CASES_FILE, read_analysed
 from cornerforge.errors import FileFormatError
 from cornerforge.library import CaseLibrary
 from cornerforge.results import Analysed
@@ -66,7 +65,7 @@ def read_analysis(folder: Path, library: Path) -> Analysis:
     """
     command = f"cornerforge analyse {library} --out {folder}"
     found = open_json(folder / "analysis.json", command).read(Analysed)
-    table = read_cases_of(folder, command)
+    table = read_analysed(folder / CASES_FILE, command)
     missing = {"case_id", "pc1", "pc2", "cluster"} - set(table.column_names)
     if missing:
         raise FileFormatError(
@@ -81,4 +80,4 @@ def read_ways_out(folder: Path, library: Path) -> pa.Table:
     Raises:
         FileFormatError: The file is missing or damaged.
     """
-    return read_parquet(folder / "witnesses.parquet", f"cornerforge analyse {library} --out {folder}", _WAYS_OUT)
+    return read_analysed(folder / "witnesses.parquet", f"cornerforge analyse {library} --out {folder}", _WAYS_OUT)

@@ -167,12 +167,12 @@ class ShardReader:
 
     Attributes:
         damaged: File name to what is wrong with it.
-        own_columns: Names of the caller's own columns, which the manifest names.
+        own_columns: The caller's own columns, name to a key of `schema.EXTRA_TYPES`, as the manifest says.
     """
 
     def __init__(self, folder: Path, manifest: Manifest) -> None:
         self.damaged: dict[str, str] = {}
-        self.own_columns = tuple(manifest.extra or ())
+        self.own_columns: Mapping[str, str] = manifest.extra or {}
         self._folder, self._odd = folder, manifest.odd
         self._seed = int(str(manifest.run["seed"]))
         self._scripted, self._on_rails = manifest.scripted, manifest.on_rails
@@ -227,7 +227,8 @@ class ShardReader:
             return None
         wanted = None if columns is None else list(columns)
         with self._parsing(shard.cases_file):
-            there = pq.read_schema(pa.BufferReader(content)).names
+            schema = pq.read_schema(pa.BufferReader(content))
+            there = schema.names
             is_early = not all(field.name in there for field in _LATER)
             missing = {field.name for field in CASES} - {field.name for field in _LATER} - set(there)
             if missing:
@@ -235,6 +236,11 @@ class ShardReader:
             surplus = set(there) - {field.name for field in CASES} - set(self.own_columns)
             if surplus:
                 raise self._wrong(shard.cases_file, f'it has the column "{min(surplus)}", which is not in the manifest')
+            for name, kind in self.own_columns.items():
+                if name not in there or schema.field(name).type != EXTRA_TYPES[kind]:
+                    raise self._wrong(
+                        shard.cases_file, f'it has no column "{name}" of {kind}, which is in the manifest'
+                    )
             table = pq.read_table(pa.BufferReader(content), columns=None if is_early else wanted)
             checks = TableChecks.of(table.schema)
         if table.num_rows != shard.cases:

@@ -402,7 +402,7 @@ class CaseLibrary:
     def _commit(self, manifest: Manifest) -> None:
         self._committed = write_manifest(self._path, manifest)
         self._manifest = manifest
-        self._reader.own_columns = tuple(manifest.extra or ())
+        self._reader.own_columns = manifest.extra or {}
 
     def scalars(self, columns: Sequence[str] | None = None) -> pa.Table:
         """Read all cases, one row each, ascending by test, without trajectories.

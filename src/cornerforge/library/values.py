@@ -69,10 +69,18 @@ def _far(found: NDArray[Any], stated: NDArray[Any], size: NDArray[Any] | float) 
     return np.asarray(np.abs(found - stated) > _CLOSE_AS_FLOAT32 + 1e-6 * np.abs(size))
 
 
+def _is_hex(v: Values, _: Any) -> Holds:
+    digits = set("0123456789abcdef")
+    return np.array(
+        [0 < len(one) <= 64 and digits.issuperset(one) for one in v["trajectory_digest"].tolist()], np.bool_
+    )
+
+
 CASE_RELATIONS: tuple[Relation, ...] = (
     Relation("seed", "the seed of the library's run", (), lambda v, f: v["seed"] == f.seed),
     Relation("test", "ascending, within what the manifest says of the shard", (), _ascending),
     Relation("case_id", "seed:test", ("seed", "test"), _named),
+    Relation("trajectory_digest", "at most 64 hex digits", (), _is_hex),
     Relation(
         "crash_time_s", "at most the time limit of a test", (), lambda v, f: v["crash_time_s"] <= f.odd.time_limit + 1.0
     ),

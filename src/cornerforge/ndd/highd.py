@@ -101,7 +101,7 @@ def _beside(tracks: Path, what: str) -> Path | None:
     if named is None:
         return None
     plain = tracks.with_name(f"{named.group(1)}_{what}.csv")
-    found = [path for path in (plain, plain.with_name(f"{plain.name}.gz")) if path.is_file()]
+    found = [path for path in (plain, plain.with_name(f"{plain.name}.gz")) if path.exists()]
     if len(found) == 2:
         raise DataError(f"{found[0]} stands there twice, plain and packed; remove one of them.")
     return found[0] if found else None

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cornerforge.analysis.stored import read_cases_of
+from cornerforge.analysis.stored import CASES_FILE, read_analysed
 from cornerforge.interchange.cases import Fact, OutCase
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.natural import natural_weights
@@ -79,5 +79,5 @@ def _analysed(folder: Path | None) -> Mapping[str, dict[str, Any]]:
     """Read what an analysis says of each case; nothing without one."""
     if folder is None:
         return {}
-    table = read_cases_of(folder, "cornerforge analyse", ("case_id", *_ANALYSED), fewer=True)
+    table = read_analysed(folder / CASES_FILE, "cornerforge analyse", ("case_id", *_ANALYSED), fewer=True)
     return {row.pop("case_id"): row for row in table.to_pylist()}

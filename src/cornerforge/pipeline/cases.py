@@ -13,7 +13,7 @@ from cornerforge._arguments import checked
 from cornerforge._locks import claims
 from cornerforge._objects import object_fault
 from cornerforge.adversary.policy_file import load_policy
-from cornerforge.analysis.stored import CASES_FILE, read_cases_of
+from cornerforge.analysis.stored import CASES_FILE, read_analysed
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.fields import REALS
 from cornerforge.foreign.loaders import is_foreign
@@ -241,7 +241,7 @@ def query(library: Path | str, sql: str, *, seconds: float = SECONDS, megabytes:
     """
     folder = Path(library)
     if not (folder / MANIFEST).exists() and (folder / CASES_FILE).is_file():
-        table = read_cases_of(folder, "cornerforge analyse")
+        table = read_analysed(folder / CASES_FILE, "cornerforge analyse")
         columns, rows = run_sql(table, sql, seconds=seconds, megabytes=megabytes)
     else:
         _point_below(folder)

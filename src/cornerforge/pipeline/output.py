@@ -8,6 +8,7 @@ import json
 import os
 import platform
 import shutil
+import stat
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -215,6 +216,8 @@ def remove_folder(folder: Path) -> None:
         OutputError: It cannot be removed.
     """
     try:
+        if not stat.S_ISDIR(folder.lstat().st_mode):  # a pipe would be opened, and waited for
+            raise OutputError(f"{folder} is no folder; remove it.")
         shutil.rmtree(folder)
     except FileNotFoundError:
         return

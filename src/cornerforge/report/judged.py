@@ -187,13 +187,9 @@ def read_table(file: Path, names: list[str], command: str, case_ids: Iterable[st
     """
     import pyarrow.compute as pc
 
-    from cornerforge._table_checks import read_parquet  # loads Arrow
-    from cornerforge.analysis.stored import CASES_FILE, read_cases_of
+    from cornerforge.analysis.stored import read_analysed  # loads Arrow
 
-    if file.name == CASES_FILE:
-        table = read_cases_of(file.parent, command, names)
-    else:
-        table = read_parquet(file, command, names)
+    table = read_analysed(file, command, names)
     if case_ids is not None:
         table = table.filter(pc.field("case_id").isin(list(case_ids)))
     return {name: table.column(name).to_pylist() for name in names}
