@@ -62,28 +62,51 @@ class _Run:
     error: BaseException | None = None
 
 
-def _made(folder: Path, before: dict[str, Any]) -> dict[str, Any]:
-    return {name: content for name, content in _files(folder).items() if _text(before.get(name)) != _text(content)}
+_Files = dict[str, tuple[tuple[int, ...], Any]]
+"""Files by name: what tells whether one was changed, and its content as it is compared."""
 
 
-def _files(folder: Path) -> dict[str, Any]:
-    """The files of a folder: of JSON its values, else a hash; what is no plain file: its kind."""
-    found: dict[str, Any] = {}
+def _made(folder: Path, before: _Files) -> dict[str, Any]:
+    """The files that were made or changed, with their content."""
+    made: dict[str, Any] = {}
+    for name, (mark, content) in _files(folder, before).items():
+        was = before.get(name)
+        if was is None or (was[0] != mark and _text(was[1]) != _text(content)):
+            made[name] = content
+    return made
+
+
+def _files(folder: Path, known: _Files) -> _Files:
+    """The files of a folder: of JSON its values, else a hash; what is no plain file: its kind.
+
+    Args:
+        folder: The folder.
+        known: Files that were read before; what has the same mark is not read again.
+    """
+    found: _Files = {}
     for path in sorted(folder.rglob("*")):
-        name = str(path.relative_to(folder))
-        if path.is_symlink() or not path.is_file():
-            found[name] = "folder" if path.is_dir() and not path.is_symlink() else "odd"
-        elif path.stat().st_size > 2**31:
-            found[name] = "sparse"
+        name, status = str(path.relative_to(folder)), path.lstat()
+        mark = status.st_mode, status.st_size, status.st_mtime_ns
+        if name in known and known[name][0] == mark:
+            found[name] = known[name]
         else:
-            content = path.read_bytes()
-            found[name] = hashlib.sha256(content).hexdigest()
-            if path.suffix == ".json":
-                with contextlib.suppress(ValueError, RecursionError):
-                    found[name] = json.loads(content)
-                    if isinstance(found[name], dict):
-                        found[name] = {key: value for key, value in found[name].items() if key not in _TIMES}
+            found[name] = mark, _content(path)
     return found
+
+
+def _content(path: Path) -> Any:
+    if path.is_symlink() or not path.is_file():
+        return "folder" if path.is_dir() and not path.is_symlink() else "odd"
+    if path.stat().st_size > 2**31:
+        return "sparse"
+    content = path.read_bytes()
+    if path.suffix == ".json":
+        with contextlib.suppress(ValueError, RecursionError):
+            found = json.loads(content)
+            return (
+                {key: value for key, value in found.items() if key not in _TIMES} if isinstance(found, dict) else found
+            )
+    return hashlib.sha256(content).hexdigest()
 
 
 def _masked(answer: Any, other: Any) -> Any:
@@ -121,6 +144,7 @@ class Judge:
     def __init__(self, seeds: Path, room: Path) -> None:
         self._seeds, self._room = seeds, room
         self._whole: dict[tuple[str, str], tuple[Any, Any]] = {}
+        self._seed_files: dict[str, _Files] = {}
 
     def prepare(self, one: dict[str, Any]) -> None:
         """Make what an input needs: its seed, and the answer for the whole file."""
@@ -152,7 +176,7 @@ class Judge:
             for recipe in one["damage"]:
                 done(folder, recipe)
             seal(folder, [recipe["file"] for recipe in one["damage"] if recipe.get("sealed")])
-            before = _files(folder)
+            before = _files(folder, self._of_seed(kind))
             memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
             run = self._through(self._door(kind, one), folder, before)
             fault = self._fault(run, folder, memory)
@@ -167,6 +191,12 @@ class Judge:
                 return Outcome("told", run.words)
             matters = any(kind.matters(recipe, self._door(kind, one)) for recipe in one["damage"])
             return Outcome("silent" if matters else "other", _difference(whole, answer))
+
+    def _of_seed(self, kind: Kind) -> _Files:
+        """The files of a seed, which are copied with their times."""
+        if kind.seed not in self._seed_files:
+            self._seed_files[kind.seed] = _files(seed_folder(self._seeds, kind.seed), {})
+        return self._seed_files[kind.seed]
 
     @staticmethod
     def _door(kind: Kind, one: dict[str, Any]) -> Door:
@@ -196,7 +226,7 @@ class Judge:
             runs = []
             for _ in range(2):
                 with self._folder(kind) as folder:
-                    run = self._through(door, folder, _files(folder))
+                    run = self._through(door, folder, _files(folder, self._of_seed(kind)))
                     if run.error is not None or run.status > 1:
                         raise RuntimeError(
                             f"{key}: the whole seed is refused: {run.words} {run.error!r}"
@@ -207,7 +237,7 @@ class Judge:
         return self._whole[key]
 
     def _spoken(self, kind: Kind, words: list[str], folder: Path) -> Outcome:
-        before = _files(folder)
+        before = _files(folder, self._of_seed(kind))
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         door = Door("words", (lambda: call(*words)) if kind.name == "interface" else shlex.join(words))
         run = self._through(door, folder, before, words)
@@ -215,7 +245,7 @@ class Judge:
             "refused" if run.status == 2 or run.error else "told", run.words
         )
 
-    def _through(self, door: Door, folder: Path, before: dict[str, Any], words: list[str] | None = None) -> _Run:
+    def _through(self, door: Door, folder: Path, before: _Files, words: list[str] | None = None) -> _Run:
         out, err = io.StringIO(), io.StringIO()
         answer: Any = None
         status, error = 0, None

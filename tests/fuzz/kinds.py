@@ -385,7 +385,7 @@ KINDS = (
     f"ndd fit pairs.csv --out new.npz {_ONE}", 0.05)), 60),
     Kind("leaders", "trajectories", "tracks", ("leaders.csv",), (Door("read", _decisions("leaders.csv")),), 60),
     Kind("ivbss", "IVBSS arrays", "ivbss", ("NDD_DATA", "NDD_DATA/*", "NDD_DATA/*/*"), (Door("import",
-    f"ndd import NDD_DATA --out new.npz {_ONE}"),), 5, ("@place.*", "* array.dtype fill_value")),
+    f"ndd import NDD_DATA --out new.npz {_ONE}"),), 2, ("@place.*", "* array.dtype fill_value")),
     Kind("openscenario", "scenarios of other tools", "scenarios", ("osc/*", "osc/*/*"), (
         Door("read", _moving("read_openscenario", "osc/cut_in.xosc"), 8), Door("import",
         "import osc/cut_in.xosc --out x --json", 0.4),
@@ -414,8 +414,8 @@ KINDS = (
         free=("* place.empty", "* place.null", "* place.zero")),), 60,
         waits=True,
     ),
-    Kind("options", "options", "everything", (), (Door("words", ""),), 60, words=hostile_options, plain=plain_options),
-    Kind("output paths", "output paths", "library", (), (Door("words", ""),), 14, words=hostile_paths,
+    Kind("options", "options", "everything", (), (Door("words", ""),), 40, words=hostile_options, plain=plain_options),
+    Kind("output paths", "output paths", "library", (), (Door("words", ""),), 8, words=hostile_paths,
     plain=plain_path),
     Kind("sql", "SQL", "library", (), (Door("words", ""),), 5, words=hostile_sql),
     Kind("interface", "Python interface and environments", "library", (), (Door("call", ""),), 60, words=hostile_call,
@@ -428,7 +428,7 @@ KINDS = (
     Kind("network", "ONNX and SB3", "network", ("n.onnx", "s.zip"), (
         Door("onnx", f"simulate --tests 2 --av n.onnx --av-processes 1 {_ONE}"), Door("sb3",
         f"simulate --tests 2 --av s.zip --av-processes 1 {_ONE}"),
-    ), 4),
+    ), 2),
 )  # fmt: skip
 
 

@@ -115,14 +115,16 @@ def test_awkward_names_and_facts_are_taken_in(swerve_library: Path, tmp_path: Pa
 
 
 def test_what_no_case_file_can_hold_is_refused_alone(swerve_library: Path, tmp_path: Path) -> None:
-    """It is read and has a road, but a vehicle swings around by 500 m/s."""
+    """It is read and has a road, but a vehicle swings around by 140 m/s."""
     (name,) = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / "good").files
     good = tmp_path / "good" / name
     lines = good.read_text(encoding="utf-8").split("\n")
-    at = next(k for k, line in enumerate(lines) if line.startswith("5,0.5,") and not line.startswith("5,0.5,0,"))
-    cells = lines[at].split(",")
-    cells[7] = "90.0"
-    lines[at] = ",".join(cells)
+    slot = next(line.split(",")[2] for line in lines if line.startswith("5,0.5,") and not line.startswith("5,0.5,0,"))
+    for frame, aside in ((5, 14.0), (6, 28.0), (7, 14.0)):
+        at = next(k for k, line in enumerate(lines) if line.startswith(f"{frame},{frame / 10},{slot},"))
+        cells = lines[at].split(",")
+        cells[7] = str(float(cells[7]) + aside)
+        lines[at] = ",".join(cells)
     bad = tmp_path / "bad.csv"
     bad.write_text("\n".join(lines), encoding="utf-8")
     done = cornerforge.import_cases([bad, good], out=tmp_path / "in")

@@ -102,7 +102,8 @@ class CaseLibrary:
         with _claimed(folder):
             if _holds_library(folder, identity, odd):
                 raise OutputError(
-                    f"{folder} holds a library of this run already; continue with --resume, or choose another place."
+                    f"{folder} holds a library of this run already; what has --resume can go on with it, else remove "
+                    "it or choose another place."
                 )
             return cls._start(folder, identity, odd)
 

@@ -93,7 +93,7 @@ def cases_from_data(
         "files": [one.sha256 for one in _files(traffic)], "format": data_format, "cases": cases, "measure": measure,
         "before": before, "after": after, "av": av, "seed": seed,
     }  # fmt: skip
-    open_output(place, stated, resume=False)
+    open_output(place, stated, resume=None)
     with whole_or_nothing(place, ("cases", "library")):
         written = _write(found.cases, place / "cases")
         driven = CasesDriven(av, (), tuple(CaseOutcome(case.name, NO_CRASH, "as recorded") for case in found.cases))

@@ -127,7 +127,7 @@ def import_cases(
         raise DataError(f"None of {len(paths):,} files can be read; the first: {refused[0].why}")
     hashes = [file_sha256(path)[:_HASH_DIGITS] for path in sources]
     stated = {"files": hashes, "ego": ego, "av": options.av, "seed": seed}
-    open_output(place, stated, resume=False)
+    open_output(place, stated, resume=None)
     with whole_or_nothing(place, ("cases", "library")):
         driven = library_of(cases, place / "library", seed=seed, progress=progress, **world)
         written = _write(made, place / "cases", driven)

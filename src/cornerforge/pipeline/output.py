@@ -154,19 +154,19 @@ def check_new_file(path: Path, *, overwrite: bool = False) -> None:
         raise OutputError(f"{path} exists already; remove it, or choose another place.")
 
 
-def open_output(folder: Path, identity: Mapping[str, Any], *, resume: bool) -> bool:
+def open_output(folder: Path, identity: Mapping[str, Any], *, resume: bool | None) -> bool:
     """Claim an output folder, up to the end of the call, or go on with one.
 
     Args:
         folder: The folder; its parents are made.
         identity: What decides the result; a resumed folder must have the same identity.
-        resume: Go on with the work that the folder holds.
+        resume: Go on with the work that the folder holds; None: this command never can.
 
     Returns:
         True if the folder holds earlier work of the same identity.
 
     Raises:
-        OutputError: The folder holds something else, holds results and `resume` is False, cannot be written, or
+        OutputError: The folder holds something else, holds results and `resume` is not True, cannot be written, or
             another call writes there.
         InputError: It holds work of another identity; the first difference is named.
     """
@@ -174,7 +174,8 @@ def open_output(folder: Path, identity: Mapping[str, Any], *, resume: bool) -> b
     names = _claimed(folder)
     if IDENTITY in names:
         if not resume:
-            raise OutputError(f"{folder} holds results already; go on with --resume, or choose another place.")
+            advice = "remove it" if resume is None else "go on with --resume"
+            raise OutputError(f"{folder} holds results already; {advice}, or choose another place.")
         before = read_json_file(mark).get("identity")
         before = before if isinstance(before, dict) else {}
         for key, value in identity.items():

@@ -131,7 +131,7 @@ def r157(
         check_new_folder(place)  # before an AV from outside starts
     run = experiment(options, road=odd, takes_foreign=True, seed=seed)
     if place is not None:
-        open_output(place, _identity(run, wanted, seed), resume=False)
+        open_output(place, _identity(run, wanted, seed), resume=None)
         run.keep_printed(place / AV_LOG)
     total = sum(map(len, wanted))
     forecast(run, threads, f"{total:,} scenarios", tests=total)
