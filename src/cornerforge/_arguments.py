@@ -19,7 +19,7 @@ from cornerforge._checks import check_path
 from cornerforge._words import shown
 from cornerforge.errors import InputError
 
-__all__ = ["checked", "is_several"]
+__all__ = ["checked", "is_several", "keywords_of"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -122,7 +122,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
         for name, value in given.items():
             parameter = signature.parameters[name]
             if parameter.kind is parameter.VAR_KEYWORD:
-                known = _keywords(function, parameter.annotation)
+                known = keywords_of(function, parameter.annotation)
                 for keyword, one in value.items():
                     if keyword not in known:
                         raise TypeError(f"{function.__qualname__}() got an unexpected keyword argument {keyword!r}")
@@ -134,7 +134,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     return check
 
 
-def _keywords(function: Callable[..., Any], annotation: str) -> Mapping[str, Any]:
+def keywords_of(function: Callable[..., Any], annotation: str) -> Mapping[str, Any]:
     """Find the `TypedDict` that `Unpack[...]` names."""
     named = annotation.removeprefix("Unpack[").removesuffix("]")
     found: Mapping[str, Any] = inspect.unwrap(function).__globals__[named].__annotations__

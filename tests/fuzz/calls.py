@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import cornerforge
-from cornerforge._arguments import _keywords
+from cornerforge._arguments import keywords_of
 
 __all__ = ["call", "hostile_call", "plain_call"]
 
@@ -62,7 +62,7 @@ def _arguments(name: str) -> list[str]:
     names: list[str] = []
     for one in inspect.signature(function).parameters.values():
         if one.kind is one.VAR_KEYWORD:
-            names += _keywords(function, one.annotation)
+            names += keywords_of(function, one.annotation)
         elif one.name not in ("progress", "stay"):
             names.append(one.name)
     return names

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -70,6 +71,7 @@ def hostile_sql(rng: np.random.Generator) -> list[str]:
 _PLACES = ("act", "setup", "__init__", "import")
 
 
+@functools.cache
 def hostile_av_files() -> dict[str, str]:
     """Give modules whose class `Av` does what no AV should, by file name."""
     from foreign.hostile_avs import FAULTS, HANGS, HARMLESS, module

@@ -277,7 +277,7 @@ CONTROL = Kind(
 
 _ONE = "--threads 1 --json"
 _LIBRARY_DOORS = (
-    Door("read", _library(), 60, ()),
+    Door("read", _library(), 60),
     Door("replay", "replay lib all --check --json", 3),
     Door("query", 'query lib "select * from cases" --json', 0.7),
     Door("analyse", f"analyse lib --out an {_ONE}", 3),

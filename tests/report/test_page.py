@@ -483,8 +483,10 @@ def test_cases_that_the_library_lost_are_said(run_folder: Path) -> None:
 def test_a_damaged_shard_leaves_a_page_without_cases(run_folder: Path) -> None:
     for shard in (run_folder / "library").glob("*.parquet"):
         shard.unlink()
-    with pytest.warns(DamagedShardWarning):
+    with pytest.warns(DamagedShardWarning) as told:
         file = write_report(run_folder)
+    texts = [str(one.message) for one in told]
+    assert not any("Case " in text for text in texts), "each file is named, not each of its cases"
     made = Page(file)
     assert made.data("cases") == []
     assert "No case can be played" in made.text

@@ -44,7 +44,8 @@ def load_scenarios(library: Path, case_ids: Iterable[str]) -> Iterator[tuple[str
         except InputError:
             yield case_id, None
         except FileFormatError as error:
-            warnings.warn(str(error), DamagedShardWarning, stacklevel=2)
+            if not any(fault in str(error) for fault in store.damaged):  # of these the library has warned
+                warnings.warn(str(error), DamagedShardWarning, stacklevel=2)
             yield case_id, None
 
 
