@@ -28,6 +28,7 @@ from cornerforge.errors import FileFormatError
 
 __all__ = [
     "KEY",
+    "UNREADABLE",
     "NoChecksumWarning",
     "check_json",
     "json_checksum",
@@ -48,6 +49,11 @@ _MEMBER = "checksums"
 _LARGEST = 1 << 31
 """Most bytes that the arrays of a file may unpack to: a damaged header could ask for any size."""
 
+UNREADABLE = (
+    OSError, KeyError, TypeError, ValueError, EOFError, MemoryError, OverflowError, RecursionError, RuntimeError,
+    zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""What `np.load` raises of a damaged file of arrays."""
 _LARGEST_WEIGHT = 1e6
 
 _Arrays = Mapping[str, NDArray[Any]]
@@ -274,10 +280,7 @@ def read_arrays(path: Path, what: str) -> dict[str, NDArray[Any]]:
         stated = parse(str(arrays.pop(_MEMBER))) if _MEMBER in arrays else None
         if not isinstance(stated, dict | None):
             raise ValueError("its checksums are no object")
-    except (
-        OSError, KeyError, TypeError, ValueError, EOFError, MemoryError, OverflowError, RecursionError, RuntimeError,
-        zipfile.BadZipFile, zlib.error,
-    ) as error:  # fmt: skip
+    except UNREADABLE as error:
         raise FileFormatError(
             f"The {what} {path} is damaged or none of cornerforge ({type(error).__name__}: {error}); restore it from a "
             "copy, or make it again."

@@ -484,7 +484,7 @@ def _each_tenth(tracks: _Tracks, moving: Mapping[str, Floats], per_second: int) 
     starts = _starts(tracks)
     vehicles, frames = [], []
     columns: dict[str, list[Floats]] = {name: [] for name in moving}
-    for first, end in zip(starts, np.append(starts[1:], tracks.tick.size), strict=True):
+    for first, end in zip(starts, np.append(starts, tracks.tick.size)[1:], strict=True):
         when = tracks.tick[first:end] / per_frame
         frame = np.arange(np.ceil(when[0] - 1e-9), np.floor(when[-1] + 1e-9) + 1.0)
         frames.append(frame.astype(np.int64))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import gzip
+import os
 import re
 import zlib
 from dataclasses import dataclass, field
@@ -101,7 +102,8 @@ def _beside(tracks: Path, what: str) -> Path | None:
     if named is None:
         return None
     plain = tracks.with_name(f"{named.group(1)}_{what}.csv")
-    found = [path for path in (plain, plain.with_name(f"{plain.name}.gz")) if path.exists()]
+    # A link that leads nowhere is there, too: reading it says what is wrong.
+    found = [path for path in (plain, plain.with_name(f"{plain.name}.gz")) if os.path.lexists(path)]
     if len(found) == 2:
         raise DataError(f"{found[0]} stands there twice, plain and packed; remove one of them.")
     return found[0] if found else None

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import pickle
 import re
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._checksums import UNREADABLE
 from cornerforge.errors import FileFormatError
 
 __all__ = ["ROLES", "Coordinates", "Role", "find_arrays", "load_array", "load_coordinates"]
@@ -126,7 +126,7 @@ def load_array(path: Path) -> NDArray[np.number]:
     """
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (OSError, EOFError, ValueError, pickle.UnpicklingError, zipfile.BadZipFile) as error:
+    except (*UNREADABLE, pickle.UnpicklingError) as error:
         raise _unreadable(path, error) from error
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
         raise FileFormatError(f"{path} holds no array of numbers.")
@@ -199,7 +199,7 @@ def _from_list(path: Path, shape: tuple[int, ...], lengths: Sequence[int]) -> Co
         # With a damaged file np.load would leave the handle open.
         with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             parts = {name: file[name] for name in ("coords", "data", "shape", "fill_value") if name in file.files}
-    except (OSError, EOFError, ValueError, pickle.UnpicklingError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
+    except (*UNREADABLE, pickle.UnpicklingError) as error:
         raise _unreadable(path, error) from error
     if "coords" not in parts or "data" not in parts:
         raise FileFormatError(
