@@ -434,8 +434,13 @@ def test_a_missing_library_is_named(run_folder: Path) -> None:
         ),
         (
             "exposure.json",
-            {"quantities": {"bbd": {"label": "b", "unit": "m", "edges": [1, 0], "nde": [1], "adversary": [1]}}},
-            r'"quantities\.bbd\.edges" are not at least two rising',
+            {
+                "quantities": {
+                    name: {"label": "b", "unit": "m", "edges": [1, 0], "nde": [1], "adversary": [1]}
+                    for name in ("bbd_front", "bbd_rear", "ttc_front", "ttc_rear")
+                }
+            },
+            r'"quantities\.bbd_front\.edges" are not at least two rising',
         ),
         ("analysis/analysis.json", {"rare": [1]}, r'"rare\[0\]" is 1, not a text'),
     ],

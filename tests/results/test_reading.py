@@ -37,9 +37,7 @@ def drawn(kind: Any) -> st.SearchStrategy[Any]:
     origin, arguments = get_origin(kind), get_args(kind)
     if isinstance(kind, type) and dataclasses.is_dataclass(kind):
         hints = get_type_hints(kind)
-        ranged = {one.name: one.metadata.get("within") for one in dataclasses.fields(kind)}
-        made = {name: drawn(hints[name]) if ends is None else st.floats(*ends) for name, ends in ranged.items()}
-        return st.builds(kind, **made)
+        return st.builds(kind, **{one.name: drawn_of(one, hints[one.name]) for one in dataclasses.fields(kind)})
     if origin in UNIONS:
         return st.one_of(*map(drawn, arguments))
     if origin is Literal:
@@ -49,6 +47,16 @@ def drawn(kind: Any) -> st.SearchStrategy[Any]:
     if origin is tuple and arguments[-1] is Ellipsis:
         return st.lists(drawn(arguments[0]), max_size=2).map(tuple)
     return st.tuples(*map(drawn, arguments)) if origin is tuple else SCALARS[kind]
+
+
+def drawn_of(one: dataclasses.Field[Any], kind: Any) -> st.SearchStrategy[Any]:
+    """Values of a field: within its range, and with all keys where it must have each."""
+    if "within" in one.metadata:
+        return st.floats(*one.metadata["within"])
+    if "each" in one.metadata:
+        names, of_each = get_args(kind)
+        return st.fixed_dictionaries({name: drawn(of_each) for name in get_args(names)})
+    return drawn(kind)
 
 
 def a_file(content: Any) -> JsonFile:

@@ -96,7 +96,7 @@ def coverage_of(
     place = np.searchsorted(codes, crash_type)
     if (place >= len(codes)).any() or (codes[place] != crash_type).any():
         raise InputError(f"crash_type holds unknown codes; allowed: {', '.join(map(str, CRASH_TYPES))}.")
-    axes = {"crash type": tuple(CRASH_TYPES[int(code)] for code in codes)}
+    axes: dict[str, tuple[str, ...]] = {"crash type": tuple(CRASH_TYPES[int(code)] for code in codes)}
     index: list[NDArray[np.integer]] = [place]
     if avoidability is not None:
         if avoidability.shape != (n,) or avoidability.min() < 0 or avoidability.max() >= len(avoidability_labels):

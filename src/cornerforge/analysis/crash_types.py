@@ -5,21 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.analysis.contact import FRONT, REAR, SIDE, find_contact
+from cornerforge.results.analysis import CrashType
 
 __all__ = ["CRASH_TYPES", "STRIKERS", "CrashTypes", "classify_crashes"]
 
-CRASH_TYPES: dict[int, str] = {
-    1: "rear-end by AV",
-    2: "rear-end by BV",
-    3: "head-on",
-    4: "sideswipe",
-    5: "angle",
-}
+CRASH_TYPES: dict[int, CrashType] = dict(enumerate(get_args(CrashType), start=1))
 """Code and name. Head-on cannot happen on a one-way road; it is there for completeness."""
 
 STRIKERS = ("av", "bv", "mutual")

@@ -22,7 +22,7 @@ from cornerforge.pipeline.setting import Experiment
 from cornerforge.pipeline.train import canonical_curve, learn, measure_baselines, point_seconds, training_faults
 from cornerforge.results import Analysed, NaturalRate, Simulated, as_json, from_json
 from cornerforge.results.learning import Baseline, LearnedPolicy, TrainingCurve, TrainingPoint
-from cornerforge.results.whole import Exposed, Exposure, ExposureMiles
+from cornerforge.results.whole import Exposed, ExposedTo, Exposure, ExposureMiles
 from cornerforge.sim import Tally, statistics
 
 __all__ = [
@@ -62,7 +62,7 @@ class Stages:
         # A resumed run reads the result from the file, so this run goes on with the same values.
         content = read_json_file(path)
         try:
-            return from_json(kind, content)
+            return from_json(kind, content, stored=True)
         except FileFormatError as error:
             raise FileFormatError(f"{path} is damaged ({error}); remove it, or choose another place.") from error
 
@@ -114,7 +114,7 @@ def count(
     return Counted(tally_summary(tally, seconds, with_distributions=True), exposure_counts(tally))
 
 
-_LABELS = {
+_LABELS: dict[ExposedTo, str] = {
     "bbd_front": "Bumper-to-bumper distance to the vehicle ahead",
     "bbd_rear": "Bumper-to-bumper distance to the vehicle behind",
     "ttc_front": "Time to collision with the vehicle ahead, when closing",
@@ -125,14 +125,14 @@ _LABELS = {
 def write_exposure(out: Path, nde: Counted, adversary: Counted) -> None:
     """Write `exposure.json`, the paper's Figure 3, without the last bin, which holds all values beyond the grid."""
     quantities = {
-        grid.name: Exposed(
-            label=_LABELS[grid.name],
+        name: Exposed(
+            label=label,
             unit=grid.unit,
             edges=tuple(statistics.grid_edges(grid)[:-1].tolist()),
-            nde=nde.exposure[grid.name][:-1],
-            adversary=adversary.exposure[grid.name][:-1],
+            nde=nde.exposure[name][:-1],
+            adversary=adversary.exposure[name][:-1],
         )
-        for grid in statistics.EXPOSURE
+        for (name, label), grid in zip(_LABELS.items(), statistics.EXPOSURE, strict=True)
     }
     miles = ExposureMiles(nde=nde.rate.miles, adversary=adversary.rate.miles)
     write_json(out / "exposure.json", as_json(Exposure(miles=miles, quantities=quantities)))

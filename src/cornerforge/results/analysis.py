@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 from cornerforge.results.rates import Interval
-from cornerforge.results.stating import meant, share
+from cornerforge.results.stating import each, meant, share
 
 __all__ = [
     "FAULTS",
@@ -17,6 +17,7 @@ __all__ = [
     "Cluster",
     "ClusterChoice",
     "Coverage",
+    "CrashType",
     "FlawShown",
     "Judges",
     "Natural",
@@ -32,6 +33,8 @@ __all__ = [
 AtFault = Literal["av", "bv", "both", "none"]
 FAULTS: tuple[AtFault, ...] = get_args(AtFault)
 """Which vehicles broke a rule of RSS."""
+CrashType = Literal["rear-end by AV", "rear-end by BV", "head-on", "sideswipe", "angle"]
+"""Types 1 to 5 of the paper's Figure 4."""
 PARTS = ("own_doing", "avoidability", "severity", "novelty")
 """Parts of the value of a case; fields of `TopCase`."""
 
@@ -284,7 +287,7 @@ class Analysed:
     clusters: tuple[Cluster, ...] = field(metadata=meant("Clusters, the majority's first."))
     choices: dict[str, ClusterChoice] = field(metadata=meant("By group, why it has so many clusters."))
     rare: tuple[str, ...] = field(metadata=meant("Up to ten case ids of outliers, farthest first."))
-    crash_types: dict[str, int] = field(metadata=meant("Cases by crash type, zeros included."))
+    crash_types: dict[CrashType, int] = field(metadata=each("Cases by crash type, zeros included."))
     striker: dict[str, int] = field(metadata=meant("Cases by who struck: av, bv or mutual."))
     seconds: dict[str, float] = field(metadata=meant("Wall-clock by stage, and `total`.", "s"))
     note: str | None = field(default=None, metadata=meant("Why there was no split; only then."))

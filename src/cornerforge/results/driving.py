@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from cornerforge.results.analysis import CrashType
 from cornerforge.results.rates import INTERVAL95, PER_TEST, TESTS, Interval, Rate
-from cornerforge.results.stating import meant
+from cornerforge.results.stating import each, meant
 
 __all__ = [
     "BvMilesEstimate", "Cost", "CrashCircumstances", "Distributions", "Effort", "Filled", "KindRate",
@@ -252,7 +253,7 @@ class NaturalRate(Rate, _RatedAv):
             '"interrupted".'
         )
     )
-    crash_types: dict[str, int] = field(metadata=meant("Crashes of the AV by type, zeros included."))
+    crash_types: dict[CrashType, int] = field(metadata=each("Crashes of the AV by type, zeros included."))
     mechanisms: dict[str, int] = field(metadata=meant("Crashes of the AV by what led to them, zeros included."))
     crash_type_rates: dict[str, KindRate] = field(metadata=meant("How often each type that was seen happens."))
     mechanism_rates: dict[str, KindRate] = field(metadata=meant("How often what led to them happens, where seen."))

@@ -20,12 +20,14 @@ T = TypeVar("T")
 _WHOLE = "a whole number of at least 0"
 
 
-def from_json(kind: type[T], content: Mapping[str, Any]) -> T:
+def from_json(kind: type[T], content: Mapping[str, Any], *, stored: bool = False) -> T:
     """Make a result of what `as_json` made of it; NaN is kept, and lists may be tuples.
 
     Args:
         kind: Its class: one of the dataclasses of this package.
         content: The object.
+        stored: It is out of a file, whose rules hold, too: no number below its least, none that is not finite, and
+            each name of an object that has them all; unknown keys are passed over.
 
     Raises:
         FileFormatError: Keys are missing or unknown, or a value is of another type.
@@ -34,7 +36,7 @@ def from_json(kind: type[T], content: Mapping[str, Any]) -> T:
     def fault(key: str, what: str) -> FileFormatError:
         return FileFormatError(f'This is no {kind.__name__} ("{key}" {what}).')
 
-    return _Reading(fault, is_file=False).result(kind, content, "")
+    return _Reading(fault, is_file=stored).result(kind, content, "")
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,8 @@ class _Reading:
             if value is not None or (one.name in values and _may_be_null(hints[one.name])):
                 found[one.name] = self.value(hints[one.name], value, key)
                 self.check_range(one.metadata.get("within"), value, key)
+                if one.metadata.get("each"):
+                    self.check_names(hints[one.name], value, key)
             elif one.default is MISSING:
                 raise self.fault(key, "is missing")
         return kind(**found)
@@ -108,6 +112,12 @@ class _Reading:
     def check_range(self, within: tuple[float, float] | None, value: Any, key: str) -> None:
         if self.is_file and within is not None and value is not None and not within[0] <= value <= within[1]:
             raise self.fault(key, f"= {value} is outside [{within[0]:g}, {within[1]:g}]")
+
+    def check_names(self, kind: Any, value: Any, key: str) -> None:
+        """Check that an object has all of its keys, which are a `Literal`."""
+        missing = [name for name in get_args(get_args(kind)[0]) if name not in value]
+        if self.is_file and missing:
+            raise self.fault(f"{key}.{missing[0]}", "is missing")
 
     def value(self, kind: Any, value: Any, key: str) -> Any:
         origin, arguments = get_origin(kind), get_args(kind)

@@ -28,6 +28,11 @@ def share(meaning: str, unit: str = "") -> dict[str, Any]:
     return {**meant(meaning, unit), "within": (0.0, 1.0)}
 
 
+def each(meaning: str, unit: str = "") -> dict[str, Any]:
+    """Make the metadata of an object whose keys are a `Literal`: `meant`; a reader of files refuses it without one."""
+    return {**meant(meaning, unit), "each": True}
+
+
 def as_json(result: Any) -> dict[str, Any]:
     """Make what `--json` prints: a result's fields in their order, results within it as objects, tuples as lists.
 

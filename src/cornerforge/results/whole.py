@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from cornerforge.results.analysis import Analysed
 from cornerforge.results.driving import Filled, NaturalRate, Simulated
 from cornerforge.results.learning import BOUNDED, BUDGET, Baseline, LearnedPolicy
 from cornerforge.results.rates import Yield
-from cornerforge.results.stating import meant
+from cornerforge.results.stating import each, meant
 
 __all__ = [
     "DamagedFile",
     "Exported",
     "Exposed",
+    "ExposedTo",
     "Exposure",
     "ExposureMiles",
     "Figured",
@@ -169,13 +171,17 @@ class Exposed:
     adversary: tuple[int, ...] = field(metadata=meant("Counts of each bin with the adversary."))
 
 
+ExposedTo = Literal["bbd_front", "bbd_rear", "ttc_front", "ttc_rear"]
+"""What exposure is counted of: the distance to the vehicle ahead and behind, and the time to collision with it."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Exposure:
     """What the AV was exposed to, the paper's Figure 3; `exposure.json` of a run."""
 
     miles: ExposureMiles = field(metadata=meant("Distances driven."))
-    quantities: dict[str, Exposed] = field(
-        metadata=meant("By name, bumper-to-bumper distances and times to collision.")
+    quantities: dict[ExposedTo, Exposed] = field(
+        metadata=each("By name, bumper-to-bumper distances and times to collision.")
     )
 
 
