@@ -57,7 +57,7 @@ value outside a range here is refused: one line says the file, the field, what i
 - Reading compares them. `cornerforge verify PATH` reads everything at a place.
 - A checksum tells of damage and of edits by hand. It is no signature: see [SECURITY.md](../SECURITY.md).
 - Files of earlier versions carry none; they are read with a note, and their values are checked like all others.
-- Numbers are little-endian, texts UTF-8. No file holds pickles or code.
+- Numbers are little-endian, texts UTF-8; `hex` is 1 to 64 hexadecimal digits. No file holds pickles or code.
 - Pages, pictures, films, logs and what `export` writes are not read again and have no checksums here. Case files have
   [a schema of their own](interchange.md), since people write them.
 """

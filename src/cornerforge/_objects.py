@@ -8,15 +8,22 @@ from typing import Any
 
 from cornerforge.fields import Field
 
-__all__ = ["object_fault"]
+__all__ = ["is_hex", "object_fault"]
 
 _WORDS = {
     "string": "a text",
+    "hex": "1 to 64 hexadecimal digits",
     "bool": "true or false",
     "int64": "a whole number",
     "float64": "a finite number",
     "object": "an object",
 }
+_DIGITS = frozenset("0123456789abcdef")
+
+
+def is_hex(text: str) -> bool:
+    """Tell whether a text may be a hash, or the first digits of one: 1 to 64 hexadecimal digits."""
+    return 0 < len(text) <= 64 and _DIGITS.issuperset(text)
 
 
 def object_fault(content: Any, fields: Iterable[Field], place: str = "", *, closed: bool = False) -> str | None:
@@ -24,7 +31,8 @@ def object_fault(content: Any, fields: Iterable[Field], place: str = "", *, clos
 
     Args:
         content: The object.
-        fields: What it must hold; types are "string", "bool", "int64", "float64", "object", each also as "list of ...".
+        fields: What it must hold; types are "string", "hex" (hexadecimal digits), "bool", "int64", "float64", "object",
+            each also as "list of ...".
         place: Name of the object in its file, for messages; "" for the file itself.
         closed: Refuse keys that `fields` does not name, instead of passing them over.
     """
@@ -58,6 +66,7 @@ def _fault(value: Any, kind: str, field: Field) -> str | None:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     fine = {
         "string": isinstance(value, str),
+        "hex": isinstance(value, str) and is_hex(value),
         "bool": isinstance(value, bool),
         "int64": number and isinstance(value, int),
         "float64": number and abs(value) <= float_info.max,

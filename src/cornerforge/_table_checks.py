@@ -155,6 +155,11 @@ class TableChecks:
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise ValueError(f"its checksums are damaged ({error})") from error
 
+    def lost(self, schema: pa.Schema) -> str | None:
+        """Say which column that was written is not in the file; or None."""
+        lost = sorted(self.columns.keys() - set(schema.names))
+        return f"has lost the column {lost[0]}" if lost else None
+
     def fault(self, table: pa.Table) -> str | None:
         """Say which column of a table, which may hold a part of the columns, is not as it was written; or None.
 
@@ -230,7 +235,7 @@ def read_parquet(path: Path, command: str, columns: Sequence[str] | None = None,
                 raise FileFormatError(f"{path} lacks the column(s) {', '.join(missing)}; {advice}")
             chosen = None if columns is None else [name for name in columns if name not in missing]
             table, checks = whole.read(chosen), TableChecks.of(whole.schema_arrow)
-            fault = None if checks is None else checks.fault(table)
+            fault = None if checks is None else checks.lost(whole.schema_arrow) or checks.fault(table)
     except (pa.ArrowException, OSError, ValueError, KeyError, MemoryError) as error:
         raise FileFormatError(f"{path} is damaged ({error}); {advice}") from None
     if checks is None:

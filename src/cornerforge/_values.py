@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cornerforge._arrow import arrow_type
 from cornerforge.fields import Field
 
-__all__ = ["Ragged", "Relation", "column_fault", "relation_fault", "table_fault", "values_of"]
+__all__ = ["Ragged", "Relation", "case_namer", "column_fault", "relation_fault", "table_fault", "values_of"]
 
 
 @dataclass(frozen=True)
@@ -162,6 +162,12 @@ def relation_fault(
             is_there = f"has {value.sizes[row]} values" if isinstance(value, Ragged) else f"is {_told(value[row])}"
             return f'"{relation.column}" of {name_of(row)} {is_there}; it must be {relation.must}'
     return None
+
+
+def case_namer(table: pa.Table) -> Callable[[int], str]:
+    """Make what names a row of a table in messages: with its `case_id`, if it has one."""
+    ids = table.column("case_id") if "case_id" in table.column_names else None
+    return lambda row: f"row {row}" if ids is None else f"row {row} (case {ids[row].as_py()})"
 
 
 def table_fault(

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 __all__ = [
+    "BEFORE_CONTACT",
     "BODY",
     "CASES",
     "FRAME_FIELDS",
@@ -38,6 +39,8 @@ _POSITIVE = (0.0, _ANY)
 _GREATEST = (0.0, 1e6)
 _MOST_LANES = 6
 _INT16, _INT64 = 2**15 - 1, 2**63 - 1
+BEFORE_CONTACT = (0.0, 1e5)
+"""Of moments before the contact [s]."""
 
 
 @dataclass(frozen=True)

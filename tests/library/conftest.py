@@ -15,7 +15,7 @@ IDENTITY: dict[str, str | int | float | bool | None] = {
     "seed": 7,
     "av": "idm-mobil",
     "av_hash": "a1",
-    "model_hash": "m1",
+    "model_hash": "a1",
     "policy_hash": None,
     "bounded": False,
 }

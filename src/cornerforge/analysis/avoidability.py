@@ -29,7 +29,7 @@ from cornerforge.counterfactual import (
 )
 from cornerforge.errors import InputError
 from cornerforge.execution import Rooms, in_order
-from cornerforge.fields import REALS, Field
+from cornerforge.fields import BEFORE_CONTACT, REALS, Field
 from cornerforge.recordings import Recordings, recordings_of_scenarios, recordings_of_tracks
 from cornerforge.road.straight import road_numbers
 from cornerforge.types import FRAME_S, Odd, Scenario
@@ -169,22 +169,28 @@ AVOIDABILITY_COLUMNS: tuple[Field, ...] = (
     Field("case_id", "string", "", "Name of the case, seed:test."),
     Field("avoidability", "string", "", f"{', '.join(LABELS)}; null: see avoidability_problem."),
     Field("avoidability_problem", "string", "", "Why the case cannot be judged; null: it was."),
-    Field("manoeuvre_begin_s", "float64", "s", "Begin of the manoeuvre that led to it, before the contact."),
+    Field("manoeuvre_begin_s", "float64", "s", "Begin of the manoeuvre that led to it, before the contact; null: not "
+          "judged.", BEFORE_CONTACT),
     Field("latest_braking_s", "float64", "s", "Latest moment, before the contact, from which accelerations "
-          "alone help; null: none since the manoeuvre began."),
-    Field("latest_steering_s", "float64", "s", "The same of lane changes at constant speed alone."),
+          "alone help; null: none since the manoeuvre began.", BEFORE_CONTACT),
+    Field("latest_steering_s", "float64", "s", "The same of lane changes at constant speed alone; null: none.",
+          BEFORE_CONTACT),
     Field("latest_any_s", "float64", "s", "The last way out: the same of anything, before "
-          "the manoeuvre began too; null: none."),
+          "the manoeuvre began too; null: none.", BEFORE_CONTACT),
     Field("time_to_react_s", "float64", "s", "From the manoeuvre's begin to latest_any_s; negative: the AV "
-          "would have had to foresee it; null: no way out."),
-    Field("avoidability_exhaustive", "bool", "", "False: a search ran out of room, more ways may exist."),
+          "would have had to foresee it; null: no way out.", (-1e5, 1e5)),
+    Field("avoidability_exhaustive", "bool", "", "False: a search ran out of room, more ways may exist; null: not "
+          "looked at."),
     Field("witness_x_m", "list of float32", "m", "AV on the way out from latest_any_s on, every 0.1 s; null: no way "
-          "out."),
-    Field("witness_y_m", "list of float32", "m", "Likewise, to the left of the right road edge."),
-    Field("witness_speed_mps", "list of float32", "m/s", "Likewise, along the road."),
-    Field("witness_heading_rad", "list of float32", "rad", "Likewise, counter-clockwise from the road's direction."),
-    Field("witness_acceleration_mps2", "list of float32", "m/s2", "Commanded from each of its decisions on."),
-    Field("witness_lane", "list of int8", "", "Target lane from each of its decisions on."),
+          "out.", (-1e5, 1e5)),
+    Field("witness_y_m", "list of float32", "m", "Likewise, to the left of the right road edge; null likewise.",
+          (-1e3, 1e3)),
+    Field("witness_speed_mps", "list of float32", "m/s", "Likewise, along the road; null likewise.", (-100.0, 200.0)),
+    Field("witness_heading_rad", "list of float32", "rad", "Likewise, counter-clockwise from the road's direction; "
+          "null likewise.", (-4.0, 4.0)),
+    Field("witness_acceleration_mps2", "list of float32", "m/s2", "Commanded from each of its decisions on; null "
+          "likewise.", (-100.0, 100.0)),
+    Field("witness_lane", "list of int8", "", "Target lane from each of its decisions on; null likewise.", (0, 5)),
 )  # fmt: skip
 """Columns of `avoidability_table`."""
 

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.analysis.pair import AV, BV, PairMotion, pair_motion
-from cornerforge.fields import Field
+from cornerforge.fields import BEFORE_CONTACT, Field
 from cornerforge.recordings import Recordings
 from cornerforge.road.straight import lane_centre, lane_of
 from cornerforge.types import FRAME_S, Odd
@@ -56,7 +56,7 @@ _NONE, _HESITATES, _NOT_BEHIND, _NOT_BESIDE, _LATE, _STOPS, _NEVER, _CLOSE, _CUT
 CONDUCT_COLUMNS: tuple[Field, ...] = (
     Field("conduct", "string", "", f"What the AV did wrong: {', '.join(CONDUCTS)} (`analysis.conduct`)."),
     Field("conduct_side", "string", "", "Side on which the other was when their paths met: left, right; none: ahead."),
-    Field("conduct_s", "float64", "s", "When it began, before contact; null: it did nothing wrong."),
+    Field("conduct_s", "float64", "s", "When it began, before contact; null: it did nothing wrong.", BEFORE_CONTACT),
 )  # fmt: skip
 """Columns that `Conduct.columns` makes, in its order."""
 _SIDES = ("none", "left", "right")

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_number
 from cornerforge.analysis.pair import AV, BV, PairMotion, pair_motion
-from cornerforge.fields import Field
+from cornerforge.fields import BEFORE_CONTACT, Field
 from cornerforge.metrics.rss import rss_lateral, rss_longitudinal, rss_margin
 from cornerforge.recordings import Recordings
 from cornerforge.results.analysis import FAULTS
@@ -47,13 +47,14 @@ RULES = (
 FAULT_COLUMNS: tuple[Field, ...] = (
     Field("fault", "string", "", f"Who broke a rule of RSS: {', '.join(FAULTS)}."),
     Field("fault_rule", "string", "", "The rule that was broken first; \"none\" where neither broke one."),
-    Field("fault_s", "float64", "s", "When it was first broken, before contact; null: neither broke one."),
+    Field("fault_s", "float64", "s", "When it was first broken, before contact; null: neither broke one.",
+          BEFORE_CONTACT),
     Field("av_rule", "string", "", "The rule that the AV broke first, or \"none\"."),
-    Field("av_fault_s", "float64", "s", "When, before contact; null: none."),
+    Field("av_fault_s", "float64", "s", "When, before contact; null: none.", BEFORE_CONTACT),
     Field("bv_rule", "string", "", "The rule that the crash partner broke first, or \"none\"."),
-    Field("bv_fault_s", "float64", "s", "When, before contact; null: none."),
+    Field("bv_fault_s", "float64", "s", "When, before contact; null: none.", BEFORE_CONTACT),
     Field("blame_axis", "string", "", "Whose rules held: longitudinal, lateral, or both."),
-    Field("blame_s", "float64", "s", "How long the danger lasted that ended in the crash."),
+    Field("blame_s", "float64", "s", "How long the danger lasted that ended in the crash.", BEFORE_CONTACT),
     Field("blame_from_start", "bool", "", "The danger is older than the recording, so all this is less sure."),
 )  # fmt: skip
 """Columns that `Faults.columns` makes, in its order."""

@@ -35,8 +35,20 @@ from cornerforge.types import FRAME_S
 __all__ = ["MEASURES", "Impact", "measure_cases"]
 
 
+_INF = float("inf")
+_RANGES = {
+    "m": (-1e5, 1e5),
+    "s": (0.0, _INF),
+    "m/s": (0.0, 1e3),
+    "m/s2": (0.0, _INF),
+    "rad": (-4.0, 4.0),
+    "": (0.0, 1.0),
+}
+"""By unit; wide: they tell damage, not what is rare."""
+
+
 def _column(name: str, unit: str, meaning: str) -> Field:
-    return Field(name, "float64", unit, meaning)
+    return Field(name, "float64", unit, meaning, _RANGES[unit])
 
 
 MEASURES: tuple[Field, ...] = (

@@ -57,9 +57,9 @@ PREVENTED_COLUMNS: tuple[Field, ...] = (
     Field("held_speed_prevents", "bool", "", "Would it have been prevented by holding the speed, without any braking? "
           "null: it cannot be judged."),
     *(Field(f"least_ttc_{_column(name)}_s", "float64", "s", f"Least time to collision of {name} in the AV's place; "
-            "null: it never closes in on a vehicle in front.") for name in CAREFUL),
-    *(Field(f"braking_{_column(name)}_mps2", "float64", "m/s2", f"Hardest braking of {name} in the AV's place, at "
-            "least 0.") for name in CAREFUL),
+            "null: it never closes in on a vehicle in front.", (0.0, float("inf"))) for name in CAREFUL),
+    *(Field(f"braking_{_column(name)}_mps2", "float64", "m/s2", f"Hardest braking of {name} in the AV's place; "
+            "null: it cannot be judged.", (0.0, 1e3)) for name in CAREFUL),
 )  # fmt: skip
 """Columns of `Prevention.columns`."""
 

@@ -10,11 +10,12 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from cornerforge._values import Ragged, Relation, table_fault
+from cornerforge._objects import is_hex
+from cornerforge._values import Ragged, Relation, case_namer, table_fault
 from cornerforge.drivers.rails import POSE_NUMBERS
 from cornerforge.fields import BODY, CASES, HISTORY_SHAPE, SERIES, Field
 from cornerforge.library.schema import RAILS_TRACKS
-from cornerforge.sim import START_FIELDS
+from cornerforge.sim import LIMITS, START_FIELDS, n_slots
 from cornerforge.types import FRAME_S, Odd
 
 __all__ = ["CASE_RELATIONS", "TRACK_RELATIONS", "ShardFacts", "cases_fault", "tracks_fault"]
@@ -25,6 +26,7 @@ Values = Mapping[str, Any]
 _CLOSE = 1e-6
 _CLOSE_AS_FLOAT32 = 2e-3
 """Of positions and speeds below some kilometres, rounded to float32."""
+_LIMITS = {f"{who}_max_{what}_mps2": most for who in ("av", "bv") for what, most in LIMITS.items()}
 _LEAST_START = 10
 """Fewest numbers of a vehicle's start, as the earliest scripted cases have."""
 
@@ -70,16 +72,22 @@ def _far(found: NDArray[Any], stated: NDArray[Any], size: NDArray[Any] | float) 
 
 
 def _is_hex(v: Values, _: Any) -> Holds:
-    digits = set("0123456789abcdef")
-    return np.array(
-        [0 < len(one) <= 64 and digits.issuperset(one) for one in v["trajectory_digest"].tolist()], np.bool_
-    )
+    return np.array([is_hex(one) for one in v["trajectory_digest"].tolist()], np.bool_)
+
+
+def _plausible(v: Values, _: Any) -> Holds:
+    """Whether no limit is broken; NaN, of what was not seen, breaks none."""
+    broken = np.zeros(v["physically_plausible"].size, dtype=bool)
+    for column, most in _LIMITS.items():
+        broken |= v[column] > most
+    return np.asarray(v["physically_plausible"] == ~broken)
 
 
 CASE_RELATIONS: tuple[Relation, ...] = (
     Relation("seed", "the seed of the library's run", (), lambda v, f: v["seed"] == f.seed),
     Relation("test", "ascending, within what the manifest says of the shard", (), _ascending),
     Relation("case_id", "seed:test", ("seed", "test"), _named),
+    Relation("n_vehicles", "at most the slots of the road", (), lambda v, f: v["n_vehicles"] <= n_slots(f.odd)),
     Relation("trajectory_digest", "at most 64 hex digits", (), _is_hex),
     Relation(
         "crash_time_s", "at most the time limit of a test", (), lambda v, f: v["crash_time_s"] <= f.odd.time_limit + 1.0
@@ -102,6 +110,7 @@ CASE_RELATIONS: tuple[Relation, ...] = (
     Relation(
         "n_implausible", "at most n_decisions", ("n_decisions",), lambda v, _: ~(v["n_implausible"] > v["n_decisions"])
     ),
+    Relation("physically_plausible", "true where no acceleration is beyond its limit", tuple(_LIMITS), _plausible),
     Relation(
         "possible_shortfall_nats", "at most shortfall_nats", ("shortfall_nats",),
         lambda v, _: ~(v["possible_shortfall_nats"] > v["shortfall_nats"] + _CLOSE),
@@ -218,6 +227,13 @@ def _ends_as_the_case(name: str, column: str) -> Any:
     return holds
 
 
+def _of_the_vehicles(v: Values, facts: ShardFacts) -> Holds:
+    """Some or all of them; cases that were made from others keep their slots, so these may be higher."""
+    if facts.cases is None or "n_vehicles" not in facts.cases:
+        return _unknown(v)
+    return np.asarray(v["slot"].sizes <= facts.cases["n_vehicles"])
+
+
 def _partner_stored(v: Values, facts: ShardFacts) -> Holds:
     if facts.cases is None or "bv_slot" not in facts.cases:
         return _unknown(v)
@@ -232,6 +248,7 @@ TRACK_RELATIONS: tuple[Relation, ...] = (
     Relation("case_id", "that of the same row of the cases file", ("n_frames",), _same_case),
     Relation("slot", "at least two, ascending, the AV's 0 first", (), _slots),
     Relation("slot", "with the crash partner among them", ("n_frames",), _partner_stored),
+    Relation("slot", "at most n_vehicles of the case", ("n_frames",), _of_the_vehicles),
     Relation("n_frames", "one each 0.1 s until crash_time_s", (), _as_the_case),
     *(
         Relation(body.column.name, "one for each vehicle of slot", ("slot",), _has(body.column.name, _vehicles))
@@ -268,19 +285,14 @@ TRACK_RELATIONS: tuple[Relation, ...] = (
 
 def cases_fault(table: pa.Table, facts: ShardFacts) -> str | None:
     """Say the first thing that is wrong with some or all columns of a shard's cases, or None."""
-    return table_fault(table, CASES, CASE_RELATIONS, facts, _namer(table))
+    return table_fault(table, CASES, CASE_RELATIONS, facts, case_namer(table))
 
 
 def tracks_fault(table: pa.Table, facts: ShardFacts) -> str | None:
     """Say the first thing that is wrong with a shard's trajectories, or with the same rows of both tables; or None."""
     if facts.cases is not None and len(facts.cases["case_id"]) != table.num_rows:
         return f"it holds {table.num_rows} rows; it must be as many as the cases file holds"
-    return table_fault(table, _TRACKS, TRACK_RELATIONS, facts, _namer(table))
+    return table_fault(table, _TRACKS, TRACK_RELATIONS, facts, case_namer(table))
 
 
 _TRACKS: Sequence[Field] = RAILS_TRACKS
-
-
-def _namer(table: pa.Table) -> Any:
-    ids = table.column("case_id") if "case_id" in table.column_names else None
-    return lambda row: f"row {row}" if ids is None else f"row {row} (case {ids[row].as_py()})"

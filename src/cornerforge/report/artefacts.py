@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.errors import FileFormatError
 from cornerforge.rates import binomial_interval
 from cornerforge.report.judged import check_analysis, check_interval, read_table
 from cornerforge.results import Analysed
@@ -224,7 +222,7 @@ def read_artefacts(out: Path) -> Artefacts:
         training=_timed(open_json(out / "training.json", run).read(TrainingCurve), provenance),
         exposure=exposure.read(Exposure),
         analysis=analysed,
-        points=_points(out / "analysis" / "points.parquet", analyse, analysed),
+        points=_points(out / "analysis" / "points.parquet", analyse),
         provenance=provenance.values,
         command=run,
     )
@@ -275,7 +273,7 @@ def library_artefacts(library: Path, out: Path) -> Artefacts:
         training=None,
         exposure=None,
         analysis=found,
-        points=_points(out / "analysis" / "points.parquet", command, found),
+        points=_points(out / "analysis" / "points.parquet", command),
         provenance=made.values,
         command=command,
     )
@@ -367,12 +365,9 @@ def _check_exposed(file: JsonFile, key: str, found: Exposed) -> None:
             raise file.fault(f"{key}.{world}", f"has {len(counts)} entries instead of {len(found.edges) - 1}")
 
 
-def _points(file: Path, command: str, found: Analysed) -> Points:
+def _points(file: Path, command: str) -> Points:
     names = ["case_id", "pc1", "pc2", "group", "cluster", "crash_type"]
     columns = read_table(file, names, command)
-    fault = _points_fault(columns, found)
-    if fault:
-        raise FileFormatError(f"{file}: {fault}; write it again with: {command}")
     return Points(
         case_id=columns["case_id"],
         pc1=np.array(columns["pc1"], dtype=np.float64),
@@ -381,15 +376,3 @@ def _points(file: Path, command: str, found: Analysed) -> Points:
         cluster=np.array(columns["cluster"], dtype=np.int64),
         crash_type=columns["crash_type"],
     )
-
-
-def _points_fault(columns: dict[str, list[Any]], found: Analysed) -> str | None:
-    """Say what is wrong with the columns; None if nothing is."""
-    for name, values in columns.items():
-        if any(value is None or (isinstance(value, float) and not math.isfinite(value)) for value in values):
-            return f'the column "{name}" holds a value that is missing or not finite'
-    for name, known in {"group": ("majority", "minority"), "crash_type": tuple(found.crash_types)}.items():
-        unknown = set(columns[name]) - set(known)
-        if unknown:
-            return f'the column "{name}" holds {sorted(unknown)[0]!r}, allowed: {", ".join(known)}'
-    return None

@@ -76,7 +76,7 @@ if TYPE_CHECKING:
         start_worlds,
     )
     from cornerforge.sim.forest import ROOT, Forest, Plan, Tilt, allocate_leaves, allocate_nursery, tree_of
-    from cornerforge.sim.harvest import Buffers, Harvest, allocate_harvest, harvest_range, is_full
+    from cornerforge.sim.harvest import LIMITS, Buffers, Harvest, allocate_harvest, harvest_range, is_full
     from cornerforge.sim.judge import judge_crashes
     from cornerforge.sim.keep import (
         Keep,
@@ -176,8 +176,8 @@ if TYPE_CHECKING:
 __all__ = [
     "ADVERSARIES", "AV_CRASH", "AV_DECISIONS", "AV_FAULT", "AV_FEATURES_VERSION", "AV_MUST_ANSWER", "AV_VIEW_VERSION",
     "BUILT_IN", "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDES_EVERY", "DRIVER", "FINISHED", "HIGHEST_COMMAND",
-    "HOSTILE", "IDM_BVS", "LEARNED_WIDTH", "LOWEST_COMMAND", "MILESTONE", "MOST_LATERAL_ACCELERATION", "NATURAL",
-    "NATURALISTIC", "NEVER", "NOBODY", "NO_CAST", "NO_RAILS", "N_AV_FEATURES", "N_OBSERVATION", "N_OWN",
+    "HOSTILE", "IDM_BVS", "LEARNED_WIDTH", "LIMITS", "LOWEST_COMMAND", "MILESTONE", "MOST_LATERAL_ACCELERATION",
+    "NATURAL", "NATURALISTIC", "NEVER", "NOBODY", "NO_CAST", "NO_RAILS", "N_AV_FEATURES", "N_OBSERVATION", "N_OWN",
     "OBSERVATION_VERSION", "OUTSIDE", "OVER", "POLICY", "RAILS", "RECORDED", "REWARDS", "ROOT", "RUNNING",
     "SCENE_COLUMNS", "SCRIPTED", "SIGHT", "START_FIELDS", "STEERED", "SUBSTEPS", "TIME_UP", "TOLD", "TRAITS",
     "VIEW_COLUMNS", "VIEW_ROWS", "Actors", "Asked", "AvReward", "Buffers", "Controllers", "CrashCases", "DriveChunk",
@@ -245,7 +245,7 @@ _PLACES: dict[str, tuple[str, ...]] = {
     ),
     "rails": ("NO_RAILS", "Rails", "rails_of"),
     "recorder": ("Recorder", "case_of", "scenario_digest"),
-    "harvest": ("Harvest", "Buffers", "allocate_harvest", "harvest_range", "is_full"),
+    "harvest": ("LIMITS", "Harvest", "Buffers", "allocate_harvest", "harvest_range", "is_full"),
     # views
     "observe": ("N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "budget_units"),
     "av_view": ("AV_VIEW_VERSION", "VIEW_ROWS", "VIEW_COLUMNS"),

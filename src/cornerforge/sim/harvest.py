@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from cornerforge.sim.world import World
 
 __all__ = [
+    "LIMITS",
     "MAX_ACCELERATION",
     "MAX_BRAKING",
     "MAX_LATERAL_ACCELERATION",
@@ -54,6 +55,12 @@ MAX_ACCELERATION = 4.0
 MAX_LATERAL_ACCELERATION = 4.0
 # Differences of recorded frames are averages, so they exceed a bound only by rounding.
 TOLERANCE = 1e-3
+LIMITS = {
+    "acceleration": MAX_ACCELERATION + TOLERANCE,
+    "braking": MAX_BRAKING + TOLERANCE,
+    "lateral_acceleration": MAX_LATERAL_ACCELERATION + TOLERANCE,
+}
+"""Most [m/s2] of what is physically plausible, for readers of what was kept."""
 
 _HISTORY_SECONDS, _PAIR, _HISTORY_VALUES = HISTORY_SHAPE
 _HISTORY = _HISTORY_SECONDS * _PAIR * _HISTORY_VALUES
