@@ -25,6 +25,7 @@ from fuzz.seeds import SEEDS, seed_folder
 
 from cornerforge.cli import main
 from cornerforge.errors import CornerForgeError
+from cornerforge.foreign import interpreter
 
 __all__ = ["FAILURES", "OUTCOMES", "Judge", "Outcome"]
 
@@ -247,6 +248,7 @@ class Judge:
 
     def _through(self, door: Door, folder: Path, before: _Files, words: list[str] | None = None) -> _Run:
         out, err = io.StringIO(), io.StringIO()
+        interpreter._used.clear()  # AVs of earlier inputs, which nobody holds, but which are not collected yet
         answer: Any = None
         status, error = 0, None
         os.chdir(folder)

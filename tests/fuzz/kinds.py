@@ -40,12 +40,14 @@ class Door:
         share: How often it is taken, beside the kind's other doors.
         free: Patterns of file, damage and column or array ("lib place.*") that it need not tell: it makes anew what it
             misses, leaves values to a later reader, or reads files of versions that had no such column.
+        unread: Patterns of files that it does not read.
     """
 
     name: str
     argv: str | Callable[[], Answer]
     share: float = 1.0
     free: tuple[str, ...] = ()
+    unread: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,7 @@ class Kind:
         at = ".".join(str(key) for key in keys)
         where = f"{recipe['file']} {recipe['op']} {recipe.get('column', recipe.get('array', at))}".strip()
         place = at or f"@{recipe['op']}"
-        if "*" in door.free:
+        if "*" in door.free or any(fnmatch(recipe["file"], one) for one in door.unread):
             return False
         if not recipe.get("sealed", True):
             return True
@@ -277,7 +279,7 @@ CONTROL = Kind(
 
 _ONE = "--threads 1 --json"
 _LIBRARY_DOORS = (
-    Door("read", _library(), 60),
+    Door("read", _library(), 60, unread=("lib/provenance.json", "lib/model.npz")),
     Door("replay", "replay lib all --check --json", 3),
     Door("query", 'query lib "select * from cases" --json', 0.7),
     Door("analyse", f"analyse lib --out an {_ONE}", 3),
@@ -307,6 +309,9 @@ _ABOUT = (
     "* table.drop *shortfall_nats",  # and lack these columns
     "* table.null *shortfall_nats",
     "* table.cell *shortfall_nats",  # which may be infinite
+    "* table.null min_ttc_s",  # as where it never closes in
+    "* table.cell name",
+    "* table.cell origin",
     "provenance*",
     "about*",
     "created_by",
@@ -338,15 +343,17 @@ KINDS = (
     ("@array.*",)),
     Kind("library", "library", "library", ("lib", "lib/*"), _LIBRARY_DOORS, 180, _ABOUT),
     Kind("scripted library", "library", "case-file", ("imported/library/*",), (
-        Door("read", _library("imported/library"), 20), Door("replay", "replay imported/library all --check --json", 2),
+        Door("read", _library("imported/library"), 20, unread=("*/provenance.json", "*/model.npz")),
+        Door("replay", "replay imported/library all --check --json", 2),
         Door("analyse", f"analyse imported/library --out an {_ONE}", 2),
         Door("retest", f"retest imported/library --av idm-mobil {_ONE}", 1),
         Door("openscenario", "export imported/library all --to openscenario --out x --json", 1),
     ), 80, _ABOUT),
     Kind("analysis", "folders", "analysed", ("lib-analysis", "lib-analysis/*", "lib-notes.json"), (
-        # What it says of cases has types and ranges only where the analysis is made: SQL shows what is there.
+        # Early analyses have fewer columns; within its range a value may be.
         Door("query", 'query lib-analysis "select * from cases" --json', 2,
-        tuple(f"* table.{op} *" for op in ("drop", "add", "cell", "null", "type"))),
+        tuple(f"* table.{op} *" for op in ("drop", "add", "cell", "null")),
+        ("*/provenance.json", "*/points.parquet", "*/witnesses.parquet", "*notes.json")),
         Door("serve", _exhibit("lib"), 3,
         free=("*",)),
         Door("figure", "figure lib --out f --json", 0.03),
@@ -359,7 +366,7 @@ KINDS = (
     ), 30, _ABOUT),
     Kind("trees folder", "folders", "trees", ("rate", "rate/*", "rate/trees", "rate/trees/*", "rate/weighted/*"), (
         Door("resume", f"rate --method splitting --max-tests 6000 --av flawed-not-behind --out rate --resume {_ONE}",
-        2),
+        1),
         Door("report", f"report rate --out page {_ONE}", 0.1), Door("serve", _exhibit("rate"), 4),
         Door("replay", "replay rate/weighted all --check --json", 0.1),
     ), 14, _ABOUT),
@@ -368,7 +375,7 @@ KINDS = (
         ("* place.missing",)),
         Door("report", f"report run {_ONE}", 1), Door("serve", _exhibit("run"), 4,
         ("run/*analysis place.*", "run/*analysis/* place.*", "run/*provenance.json *", "run/stages*",
-        "* table.add *")),  # it analyses anew
+        "* table.add *", "run/*analysis/* table.drop *")),  # it analyses anew; early analyses have fewer columns
     ), 24, _ABOUT),
     Kind("suite", "folders", "suite", ("suite", "suite/*"), (
         Door("retest", f"retest suite --av idm-mobil {_ONE}"), Door("read", _library("suite"), 3),
@@ -385,7 +392,7 @@ KINDS = (
     f"ndd fit pairs.csv --out new.npz {_ONE}", 0.05)), 60),
     Kind("leaders", "trajectories", "tracks", ("leaders.csv",), (Door("read", _decisions("leaders.csv")),), 60),
     Kind("ivbss", "IVBSS arrays", "ivbss", ("NDD_DATA", "NDD_DATA/*", "NDD_DATA/*/*"), (Door("import",
-    f"ndd import NDD_DATA --out new.npz {_ONE}"),), 2, ("@place.*", "* array.dtype fill_value")),
+    f"ndd import NDD_DATA --out new.npz {_ONE}"),), 2, ("@place.*", "* array.dtype*")),
     Kind("openscenario", "scenarios of other tools", "scenarios", ("osc/*", "osc/*/*"), (
         Door("read", _moving("read_openscenario", "osc/cut_in.xosc"), 8), Door("import",
         "import osc/cut_in.xosc --out x --json", 0.4),
@@ -415,7 +422,7 @@ KINDS = (
         waits=True,
     ),
     Kind("options", "options", "everything", (), (Door("words", ""),), 40, words=hostile_options, plain=plain_options),
-    Kind("output paths", "output paths", "library", (), (Door("words", ""),), 8, words=hostile_paths,
+    Kind("output paths", "output paths", "library", (), (Door("words", ""),), 5, words=hostile_paths,
     plain=plain_path),
     Kind("sql", "SQL", "library", (), (Door("words", ""),), 5, words=hostile_sql),
     Kind("interface", "Python interface and environments", "library", (), (Door("call", ""),), 60, words=hostile_call,
@@ -427,8 +434,8 @@ KINDS = (
     ), 8),
     Kind("network", "ONNX and SB3", "network", ("n.onnx", "s.zip"), (
         Door("onnx", f"simulate --tests 2 --av n.onnx --av-processes 1 {_ONE}"), Door("sb3",
-        f"simulate --tests 2 --av s.zip --av-processes 1 {_ONE}"),
-    ), 2),
+        f"simulate --tests 2 --av s.zip --av-processes 1 {_ONE}", 0.3),
+    ), 1.6),
 )  # fmt: skip
 
 

@@ -205,6 +205,8 @@ def start(words: Sequence[str], notes: Path, *, most_bytes: int | None = None) -
     notes.mkdir(parents=True, exist_ok=True)
     number = len(list(notes.iterdir()))
     said, printed = notes / f"{number}.err", notes / f"{number}.out"
+    said.touch()
+    printed.touch()  # here, so that another child that starts now takes another number
     pid = os.fork()
     if pid:
         with contextlib.suppress(ProcessLookupError, PermissionError):
