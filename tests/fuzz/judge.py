@@ -190,8 +190,15 @@ class Judge:
                 return Outcome("same")
             if run.words or run.status == 1:
                 return Outcome("told", run.words)
-            matters = any(kind.matters(recipe, self._door(kind, one)) for recipe in one["damage"])
-            return Outcome("silent" if matters else "other", _difference(whole, answer))
+            found = _difference(whole, answer)
+        matters = [recipe for recipe in one["damage"] if kind.matters(recipe, self._door(kind, one))]
+        if not matters:
+            return Outcome("other", found)
+        if len(one["damage"]) == 1:
+            return Outcome("silent", found)
+        # Which of them changed the answer shows each one alone.
+        alone = [self.run({**one, "damage": [recipe]}) for recipe in matters]
+        return next((outcome for outcome in alone if outcome.what in (*FAILURES, "silent")), Outcome("other", found))
 
     def _of_seed(self, kind: Kind) -> _Files:
         """The files of a seed, which are copied with their times."""

@@ -372,10 +372,11 @@ KINDS = (
     ), 14, _ABOUT),
     Kind("run folder", "folders", "run", ("run", "run/*", "run/*/*"), (
         Door("resume", f"run --effort quick --seed 2 --av flawed-not-behind --out run --resume {_ONE}", 0.4,
-        ("* place.missing",)),
+        ("* place.missing",), ("run/exposure.json",)),  # which it writes again
         Door("report", f"report run {_ONE}", 1), Door("serve", _exhibit("run"), 4,
         ("run/*analysis place.*", "run/*analysis/* place.*", "run/*provenance.json *", "run/stages*",
-        "* table.add *", "run/*analysis/* table.drop *")),  # it analyses anew; early analyses have fewer columns
+        "* table.add *", "run/*analysis/* table.drop *"),
+        ("run/*analysis/provenance.json",)),  # it analyses anew; early analyses have fewer columns
     ), 24, _ABOUT),
     Kind("suite", "folders", "suite", ("suite", "suite/*"), (
         Door("retest", f"retest suite --av idm-mobil {_ONE}"), Door("read", _library("suite"), 3),
@@ -392,7 +393,7 @@ KINDS = (
     f"ndd fit pairs.csv --out new.npz {_ONE}", 0.05)), 60),
     Kind("leaders", "trajectories", "tracks", ("leaders.csv",), (Door("read", _decisions("leaders.csv")),), 60),
     Kind("ivbss", "IVBSS arrays", "ivbss", ("NDD_DATA", "NDD_DATA/*", "NDD_DATA/*/*"), (Door("import",
-    f"ndd import NDD_DATA --out new.npz {_ONE}"),), 2, ("@place.*", "* array.dtype*")),
+    f"ndd import NDD_DATA --out new.npz {_ONE}"),), 2, ("@place.*", "* array.dtype*", "* array.add*")),
     Kind("openscenario", "scenarios of other tools", "scenarios", ("osc/*", "osc/*/*"), (
         Door("read", _moving("read_openscenario", "osc/cut_in.xosc"), 8), Door("import",
         "import osc/cut_in.xosc --out x --json", 0.4),
@@ -415,17 +416,18 @@ KINDS = (
     Kind("case file", "case files", "case-file", ("imported/cases", "imported/cases/*.json"), (
         Door("read", _read_case, 12), Door("retest", f"retest imported/cases --av idm-mobil {_ONE}", 1),
     ), 150, ("facts*", "name", "made_by", "licence", "*description*", "notes*", "* json.drop vehicles.*.start.*",
+    "av.name", "* json.drop vehicles.*.poses", "* json.set vehicles.*.poses.x_m.*",  # unknown, or not there
     "* json.drop road.*")),
     Kind(
         "config", "options", "config", ("c.toml",), (Door("simulate", "simulate --config c.toml --json",
         free=("* place.empty", "* place.null", "* place.zero")),), 60,
         waits=True,
     ),
-    Kind("options", "options", "everything", (), (Door("words", ""),), 40, words=hostile_options, plain=plain_options),
-    Kind("output paths", "output paths", "library", (), (Door("words", ""),), 5, words=hostile_paths,
+    Kind("options", "options", "everything", (), (Door("words", ""),), 32, words=hostile_options, plain=plain_options),
+    Kind("output paths", "output paths", "library", (), (Door("words", ""),), 3, words=hostile_paths,
     plain=plain_path),
     Kind("sql", "SQL", "library", (), (Door("words", ""),), 5, words=hostile_sql),
-    Kind("interface", "Python interface and environments", "library", (), (Door("call", ""),), 60, words=hostile_call,
+    Kind("interface", "Python interface and environments", "library", (), (Door("call", ""),), 50, words=hostile_call,
     plain=plain_call),
     Kind("hostile AV", "AV classes", "hostile-avs", (), (Door("words", ""),), 0.4, words=hostile_av,
     plain=plain_av),
@@ -435,7 +437,7 @@ KINDS = (
     Kind("network", "ONNX and SB3", "network", ("n.onnx", "s.zip"), (
         Door("onnx", f"simulate --tests 2 --av n.onnx --av-processes 1 {_ONE}"), Door("sb3",
         f"simulate --tests 2 --av s.zip --av-processes 1 {_ONE}", 0.3),
-    ), 1.6),
+    ), 0.5),
 )  # fmt: skip
 
 

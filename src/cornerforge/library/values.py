@@ -75,6 +75,16 @@ def _is_hex(v: Values, _: Any) -> Holds:
     return np.array([is_hex(one) for one in v["trajectory_digest"].tolist()], np.bool_)
 
 
+def _known(column: str) -> Relation:
+    """An acceleration of the AV is known where there are frames enough."""
+    return Relation(
+        column,
+        "there, in a crash after 0.3 s or more",
+        ("crash_time_s",),
+        lambda v, _: np.isfinite(v[column]) | (v["crash_time_s"] < 0.3),
+    )
+
+
 def _plausible(v: Values, _: Any) -> Holds:
     """Whether no limit is broken; NaN, of what was not seen, breaks none."""
     broken = np.zeros(v["physically_plausible"].size, dtype=bool)
@@ -110,6 +120,7 @@ CASE_RELATIONS: tuple[Relation, ...] = (
     Relation(
         "n_implausible", "at most n_decisions", ("n_decisions",), lambda v, _: ~(v["n_implausible"] > v["n_decisions"])
     ),
+    *(_known(f"av_max_{what}_mps2") for what in LIMITS),
     Relation("physically_plausible", "true where no acceleration is beyond its limit", tuple(_LIMITS), _plausible),
     Relation(
         "possible_shortfall_nats", "at most shortfall_nats", ("shortfall_nats",),

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import FileFormatError
-from cornerforge.ndd.ivbss_files import ROLES, find_arrays, load_array, load_coordinates
+from cornerforge.ndd.ivbss_files import ROLES, check_array, find_arrays, load_array, load_coordinates
 from cornerforge.ndd.ivbss_initial import fit_gaps, fit_speeds, speed_law
 from cornerforge.ndd.ivbss_lane_change import LAST_AXIS, Cells, cells_of, reduce_lane_changes, table_shape
 from cornerforge.ndd.ivbss_rows import checked_cumulative, checked_rows
@@ -99,6 +99,7 @@ def import_arrays(
     paths, unused = find_arrays(folder)
     files: dict[str, dict[str, Any]] = {}
     for role, path in paths.items():
+        check_array(path)  # a file that is none may have any size
         tell(f"Hashing {path.name}")
         files[role] = {"name": path.name, "sha256": file_sha256(path)}
     accelerations = {"following": base.following, "free": base.free}

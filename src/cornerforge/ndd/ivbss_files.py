@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import pickle
 import re
+import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from cornerforge._checksums import UNREADABLE
 from cornerforge.errors import FileFormatError
 
-__all__ = ["ROLES", "Coordinates", "Role", "find_arrays", "load_array", "load_coordinates"]
+__all__ = ["ROLES", "Coordinates", "Role", "check_array", "find_arrays", "load_array", "load_coordinates"]
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -131,6 +132,18 @@ def load_array(path: Path) -> NDArray[np.number]:
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
         raise FileFormatError(f"{path} holds no array of numbers.")
     return array
+
+
+def check_array(path: Path) -> None:
+    """Check by its head that a file is an array, or arrays; its content is not read.
+
+    Raises:
+        FileFormatError: It is neither.
+    """
+    if path.suffix != ".npz":
+        load_array(path)
+    elif not zipfile.is_zipfile(path):
+        raise FileFormatError(f"{path} is damaged or no array; fetch it again.")
 
 
 def _unreadable(path: Path, error: Exception) -> FileFormatError:

@@ -56,9 +56,13 @@ _MOST_CASES = 1000
 _MOST_UNSEEN = 0.01
 _SHARD_CASES = 500
 _TESTS_AT_ONCE = 256
-_BLOCK_FIELDS = (
-    "weight", "crashes", "lost", "cpu_seconds", "seconds", "root", "begun", "actions", "answers", "asked", "strayed",
-)  # fmt: skip
+_BLOCK_FIELDS = {
+    "weight": ("float64", 1), "crashes": ("int64", 0), "lost": ("int64", 0), "cpu_seconds": ("float64", 0),
+    "seconds": ("float64", 0), "root": ("int64", 1), "begun": ("int64", 1), "actions": ("int8", 3),
+    "answers": ("float64", 3), "asked": ("int64", 0), "strayed": ("int64", 0),
+}  # fmt: skip
+"""Type and number of axes of each array of a block."""
+_OF_CRASHES = ("root", "begun", "actions", "answers")
 
 
 @dataclass(frozen=True)
@@ -150,8 +154,12 @@ class Splitting:
         found = _read(place, ("numbers", *danger.Network._fields))
         numbers, network = found.pop("numbers"), danger.Network(**found)
         like = danger.untaught(1.0)
-        if numbers.shape != (4,) or any(a.shape != b.shape for a, b in zip(network, like, strict=True)):
-            raise FileFormatError(f"{place} is damaged (other shapes); remove it, or choose another place.")
+        fits = all(a.shape == b.shape and a.dtype == b.dtype for a, b in zip(network, like, strict=True))
+        finite = all(a.dtype.kind == "f" and np.isfinite(a).all() for a in (numbers, *network))
+        if numbers.shape != (4,) or not fits or not finite:
+            raise FileFormatError(
+                f"{place} is damaged (other shapes or types, or not finite); remove it, or choose another place."
+            )
         self._level, tests, cpu, self._teaching_seconds = (float(x) for x in numbers)
         self.taught = Cost(tests=int(tests), cpu_seconds=cpu)
         return network
@@ -434,8 +442,25 @@ def _read_blocks(folder: Path) -> Iterator[dict[str, Any]]:
     """Read the blocks that were kept, in order."""
     number = 0
     while (place := folder / f"{number:06}.npz").exists():
-        yield _read(place, _BLOCK_FIELDS)
+        block = _read(place, tuple(_BLOCK_FIELDS))
+        fault = _block_fault(block)
+        if fault is not None:
+            raise FileFormatError(f"{place} is damaged ({fault}); remove it, or choose another place.")
+        yield block
         number += 1
+
+
+def _block_fault(block: Mapping[str, NDArray[Any]]) -> str | None:
+    """Say what is wrong with the arrays of a block, or None."""
+    for name, (kind, axes) in _BLOCK_FIELDS.items():
+        array = block[name]
+        if array.dtype != kind or array.ndim != axes:
+            return f"{name} is {array.dtype} with {array.ndim} axes; it must be {kind} with {axes}"
+        if name != "answers" and not (np.isfinite(array).all() and (array >= (-1 if name == "actions" else 0)).all()):
+            return f"{name} holds a number below its least, or one that is not finite"
+    if len({block[name].shape[0] for name in _OF_CRASHES}) > 1:
+        return f"{', '.join(_OF_CRASHES)} are not of the same crashes"
+    return None
 
 
 def _read(place: Path, names: Sequence[str]) -> dict[str, Any]:

@@ -103,6 +103,7 @@ class _Reading:
             if value is not None or (one.name in values and _may_be_null(hints[one.name])):
                 found[one.name] = self.value(hints[one.name], value, key)
                 self.check_range(one.metadata.get("within"), value, key)
+                self.check_interval(one.name, value, key)
                 if one.metadata.get("each"):
                     self.check_names(hints[one.name], value, key)
             elif one.default is MISSING:
@@ -112,6 +113,12 @@ class _Reading:
     def check_range(self, within: tuple[float, float] | None, value: Any, key: str) -> None:
         if self.is_file and within is not None and value is not None and not within[0] <= value <= within[1]:
             raise self.fault(key, f"= {value} is outside [{within[0]:g}, {within[1]:g}]")
+
+    def check_interval(self, name: str, value: Any, key: str) -> None:
+        """Check that a 95 % interval, by its name, has its ends in order."""
+        is_one = name.startswith("interval95") and isinstance(value, list | tuple) and len(value) == 2
+        if self.is_file and is_one and not value[0] <= value[1]:
+            raise self.fault(key, f"= {list(value)} is no interval: its low end is above its high end")
 
     def check_names(self, kind: Any, value: Any, key: str) -> None:
         """Check that an object has all of its keys, which are a `Literal`."""
