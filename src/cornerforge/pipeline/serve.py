@@ -37,6 +37,8 @@ __all__ = ["serve"]
 _LABELS = {"natural": "Natural traffic", "adversary": "Made by the adversary", "scripted": "Scripted cases"}
 _IDLE_S = 2.0
 """So long after the page's first questions, kernels are loaded [s]: before, they would only slow the answers down."""
+_ENDS_S = 3.0
+"""So long is waited for what is done behind the page, when the server ends [s]."""
 
 
 def _silent(served: Served) -> None:
@@ -103,6 +105,8 @@ def serve(
         serve_exhibit(exhibit, door, begin)
     finally:
         stopping.set()
+        if behind.ident is not None:
+            behind.join(_ENDS_S)  # a thread that the program cuts off within C++ would end it by abort()
     return served
 
 
