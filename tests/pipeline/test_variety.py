@@ -27,7 +27,7 @@ def test_a_librarys_row_counts_its_cases(swerve_library: Path, tmp_path: Path) -
     assert sum(row.cells.values()) == 60
     assert row.filled == len(row.cells) > 1
     types = cornerforge.analyse(swerve_library).crash_types
-    by_type = dict.fromkeys(types, 0)
+    by_type = dict.fromkeys(map(str, types), 0)
     for cell, n in row.cells.items():
         by_type[cell.split(" | ")[0]] += n
     assert by_type == types

@@ -35,7 +35,7 @@ def coloured(node: Any) -> Any:
 
 def exposed(artefacts: Artefacts) -> Mapping[str, Exposed]:
     assert artefacts.exposure is not None
-    return artefacts.exposure.quantities
+    return {str(name): one for name, one in artefacts.exposure.quantities.items()}
 
 
 def test_plotly_accepts_every_figure(artefacts: Artefacts) -> None:
