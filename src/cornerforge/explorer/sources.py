@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from cornerforge.analysis.stored import CASES_FILE, read_analysed
+from cornerforge.analysis.stored import CASES_FILE, POINTS_FILE, WITNESSES_FILE, read_analysed
 from cornerforge.errors import FileFormatError
 from cornerforge.library import CaseLibrary
 from cornerforge.results import Analysed
@@ -16,7 +16,7 @@ from cornerforge.results.reading import open_json
 
 __all__ = ["FILES", "Analysis", "Source", "read_analysis", "read_ways_out"]
 
-FILES = ("analysis.json", "cases.parquet", "points.parquet", "witnesses.parquet")
+FILES = ("analysis.json", CASES_FILE, POINTS_FILE, WITNESSES_FILE)
 """What an analysis that is done holds."""
 _WAYS_OUT = ("case_id", "latest_any_s", "witness_x_m", "witness_y_m", "witness_speed_mps", "witness_heading_rad")
 
@@ -80,4 +80,4 @@ def read_ways_out(folder: Path, library: Path) -> pa.Table:
     Raises:
         FileFormatError: The file is missing or damaged.
     """
-    return read_analysed(folder / "witnesses.parquet", f"cornerforge analyse {library} --out {folder}", _WAYS_OUT)
+    return read_analysed(folder / WITNESSES_FILE, f"cornerforge analyse {library} --out {folder}", _WAYS_OUT)

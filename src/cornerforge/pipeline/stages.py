@@ -124,15 +124,16 @@ _LABELS: dict[ExposedTo, str] = {
 
 def write_exposure(out: Path, nde: Counted, adversary: Counted) -> None:
     """Write `exposure.json`, the paper's Figure 3, without the last bin, which holds all values beyond the grid."""
+    grids = {grid.name: grid for grid in statistics.EXPOSURE}
     quantities = {
         name: Exposed(
             label=label,
-            unit=grid.unit,
-            edges=tuple(statistics.grid_edges(grid)[:-1].tolist()),
+            unit=grids[name].unit,
+            edges=tuple(statistics.grid_edges(grids[name])[:-1].tolist()),
             nde=nde.exposure[name][:-1],
             adversary=adversary.exposure[name][:-1],
         )
-        for (name, label), grid in zip(_LABELS.items(), statistics.EXPOSURE, strict=True)
+        for name, label in _LABELS.items()
     }
     miles = ExposureMiles(nde=nde.rate.miles, adversary=adversary.rate.miles)
     write_json(out / "exposure.json", as_json(Exposure(miles=miles, quantities=quantities)))
