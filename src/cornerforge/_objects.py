@@ -65,7 +65,7 @@ def object_fault(content: Any, fields: Iterable[Field], place: str = "", *, clos
 def _fault(value: Any, kind: str, field: Field) -> str | None:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     fine = {
-        "string": isinstance(value, str),
+        "string": isinstance(value, str) and "\0" not in value,
         "hex": isinstance(value, str) and is_hex(value),
         "bool": isinstance(value, bool),
         "int64": number and isinstance(value, int),
@@ -76,6 +76,8 @@ def _fault(value: Any, kind: str, field: Field) -> str | None:
     if fine and in_range:
         return None
     allowed = f"{field.allowed} {field.unit}".rstrip() if field.within is not None else ""
+    if kind == "string" and isinstance(value, str):
+        allowed = "without the character NUL"
     return f"is {_told(value)}; it must be {_WORDS[kind]}{f', {allowed}' if allowed else ''}"
 
 

@@ -137,9 +137,11 @@ def _wrong(flat: NDArray[Any], field: Field) -> NDArray[np.bool_]:
 
 
 def _must(field: Field) -> str:
-    if field.within is not None:
+    if field.allowed:
         return field.allowed if "," in field.unit else f"{field.allowed} {field.unit}".rstrip()
-    return "finite" if "float" in field.type else field.type
+    if "float" in field.type:
+        return "finite" if field.within is None else "a number"
+    return field.type
 
 
 def relation_fault(

@@ -20,6 +20,7 @@ __all__ = [
     "HISTORY_SHAPE",
     "POSE",
     "SERIES",
+    "SIZES",
     "TRACKS",
     "Field",
     "Series",
@@ -33,9 +34,12 @@ _METRES = (-1e5, 1e5)
 _SPEEDS = (-100.0, 200.0)
 _ANGLES = (-4.0 * np.pi, 4.0 * np.pi)
 _SHARPNESS = (-1e5, 1e5)
-_SIZES = (0.1, 100.0)
+SIZES = (0.1, 100.0)
+"""Of lengths and widths of vehicles [m]."""
 _SIZE_OF_TWO = (-100.0, 100.0)
 _POSITIVE = (0.0, _ANY)
+_LARGEST = float(np.finfo(np.float64).max)
+"""Bound of what may be as large as it likes, but not infinite."""
 _GREATEST = (0.0, 1e6)
 _MOST_LANES = 6
 _INT16, _INT64 = 2**15 - 1, 2**63 - 1
@@ -79,10 +83,10 @@ class Field:
         >>> Field("age", "int64", "s", "How old it is.", (0, float("inf"))).allowed
         'at least 0'
         """
-        if self.within is None:
+        if self.within is None or self.within == (-_ANY, _ANY):
             return ""
         low, high = self.within
-        if high >= _ENDLESS or low == -_ANY:
+        if high >= _ENDLESS or low <= -_LARGEST:
             return f"at least {low:g}" if high >= _ENDLESS else f"at most {high:g}"
         return f"{low:g} to {high:g}"
 
@@ -144,9 +148,9 @@ BODY: tuple[Series, ...] = (
     ),
     Series(
         "length", "<f8",
-        Field("length_m", "float64", "m", "Length of each stored vehicle; early libraries: as the ODD says.", _SIZES),
+        Field("length_m", "float64", "m", "Length of each stored vehicle; early libraries: as the ODD says.", SIZES),
     ),
-    Series("width", "<f8", Field("width_m", "float64", "m", "Width of each stored vehicle; likewise.", _SIZES)),
+    Series("width", "<f8", Field("width_m", "float64", "m", "Width of each stored vehicle; likewise.", SIZES)),
     Series(
         "change_time", "<f8",
         Field(
@@ -208,8 +212,8 @@ SHORTFALL: tuple[Field, ...] = (
 
 PARTNER: tuple[Field, ...] = (
     Field("bv_kind", "int8", "", "Class of the crash partner: 0 car, 1 truck, 2 motorcycle.", (0, 2)),
-    Field("bv_length_m", "float64", "m", "Length of the crash partner; null: an early library, of cars.", _SIZES),
-    Field("bv_width_m", "float64", "m", "Width of the crash partner; likewise: null.", _SIZES),
+    Field("bv_length_m", "float64", "m", "Length of the crash partner; null: an early library, of cars.", SIZES),
+    Field("bv_width_m", "float64", "m", "Width of the crash partner; likewise: null.", SIZES),
 )
 """Class and size of the crash partner; early libraries lack it."""
 
@@ -239,10 +243,10 @@ CASES: tuple[Field, ...] = (
     *_limits("av", "the AV"),
     *_limits("bv", "the crash partner"),
     Field("physically_plausible", "bool", "", "AV, partner: -8.5..4 m/s2 along, 4 m/s2 across the road."),
-    Field("min_ttc_s", "float64", "s", "Smallest TTC of the AV before contact; null: never closing.", _POSITIVE),
+    Field("min_ttc_s", "float64", "s", "Smallest TTC of the AV before contact; null: never closing.", (0.0, _LARGEST)),
     Field("n_vehicles", "int16", "", "Vehicles in the test, the AV among them.", (2, _INT16)),
     Field("n_decisions", "int16", "", "Decisions (one a second) in the test.", (0, _INT16)),
-    Field("log_prob_nde", "float64", "", "ln P(critical BV's actions) in the NDE; null: P = 0.", (-_ANY, 0.0)),
+    Field("log_prob_nde", "float64", "", "ln P(critical BV's actions) in the NDE; null: P = 0.", (-_LARGEST, 0.0)),
     Field("n_impossible", "int16", "", "Critical BV's decisions of probability 0 in the NDE.", (0, _INT16)),
     Field("trajectory_digest", "string", "", "Of all vehicles at full precision; for `replay --check`."),
     Field("critical_bv_action", "list of int8", "", "Critical BV's action at each decision; -1: no BV.", (-1, 32)),

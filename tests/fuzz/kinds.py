@@ -291,7 +291,12 @@ _LIBRARY_DOORS = (
     Door("retest", f"retest lib --av idm-mobil {_ONE}", 2),
     Door("variety", f"variety lib {_ONE}", 2),
     Door("shrink", "shrink lib 0:8 --out shr --json", 0.3),
-    Door("resume", f"generate --policy lane-changer --cases 6 --out lib --resume {_ONE}", 1, ("lib place.*",)),
+    Door(
+        "resume",
+        f"generate --policy lane-changer --cases 6 --out lib --resume {_ONE}",
+        1,
+        ("lib place.*", "lib/manifest.json json.add surplus"),
+    ),  # it is written again, without
     Door("suite", f"suite build lib --out suite --zoo idm-mobil --zoo rl {_ONE}", 0.5),
     Door("serve", _exhibit("lib"), 0.5),
 )
@@ -303,14 +308,14 @@ _ABOUT = (
     "* table.drop bv_*",  # early libraries lack what they are
     "* table.null bv_*",
     "* table.* n_implausible",
-    "* table.cell av_width_m",  # of the library's own
-    "* table.cell av_length_m",
     "*manifest.json json.drop run.*",  # early libraries name less
     "* table.drop *shortfall_nats",  # and lack these columns
     "* table.null *shortfall_nats",
     "* table.cell *shortfall_nats",  # which may be infinite
     "* table.null min_ttc_s",  # as where it never closes in
     "* table.cell name",
+    "* table.cell trajectory_digest",  # any digits: only a replay tells
+    "run.av",  # as someone named it; a name of a file may hold any character
     "* table.cell origin",
     "provenance*",
     "about*",
@@ -372,7 +377,7 @@ KINDS = (
     ), 14, _ABOUT),
     Kind("run folder", "folders", "run", ("run", "run/*", "run/*/*"), (
         Door("resume", f"run --effort quick --seed 2 --av flawed-not-behind --out run --resume {_ONE}", 0.4,
-        ("* place.missing",), ("run/exposure.json",)),  # which it writes again
+        ("* place.missing",), ("run/exposure.json", "run/summary.json")),  # which it writes again
         Door("report", f"report run {_ONE}", 1), Door("serve", _exhibit("run"), 4,
         ("run/*analysis place.*", "run/*analysis/* place.*", "run/*provenance.json *", "run/stages*",
         "* table.add *", "run/*analysis/* table.drop *"),
@@ -388,7 +393,7 @@ KINDS = (
     Kind("tgsim", "trajectories", "tracks", ("tgsim.csv",), (Door("read", _decisions("tgsim.csv"), 6), Door("scene",
     _traffic("tgsim.csv"), 2)), 60),
     Kind("highd", "trajectories", "tracks", ("01_*.csv",), (Door("read", _decisions("01_tracks.csv"), 6), Door("scene",
-    _traffic("01_tracks.csv"), 2)), 60),
+    _traffic("01_tracks.csv"), 2)), 60, ("*Meta.csv place.missing",)),  # it may be missing
     Kind("pairs", "trajectories", "tracks", ("pairs.csv",), (Door("read", _decisions("pairs.csv"), 6), Door("fit",
     f"ndd fit pairs.csv --out new.npz {_ONE}", 0.05)), 60),
     Kind("leaders", "trajectories", "tracks", ("leaders.csv",), (Door("read", _decisions("leaders.csv")),), 60),

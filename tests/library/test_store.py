@@ -269,6 +269,27 @@ def test_a_manifest_of_wrong_content_is_refused(filled: Path, change: dict[str, 
         CaseLibrary.open(filled)
 
 
+def test_an_odd_is_whole_and_that_of_the_run(tmp_path: Path, identity: dict[str, Any]) -> None:
+    experiment = {**identity, "odd": ODD.name, "lanes": ODD.n_lanes, "config_hash": "c1"}
+    CaseLibrary.create(tmp_path, experiment, ODD)
+    CaseLibrary.open(tmp_path)
+    stated = ODD.stated()
+    for change, told in (
+        (
+            {"odd": {key: value for key, value in stated.items() if key != "lane_change_duration"}},
+            'change_duration" is',
+        ),
+        ({"odd": stated | {"name": "swift"}}, '"run.odd" is .default.; it must be "odd.name", .swift.'),
+        ({"odd": stated | {"n_lanes": 4}}, '"run.lanes" is 3; it must be "odd.n_lanes", 4'),
+        ({"run": experiment | {"odd": "a\0"}}, "without the character NUL"),
+    ):
+        edit_manifest(tmp_path, **{"odd": stated, "run": experiment} | change)
+        with pytest.raises(FileFormatError, match=told):
+            CaseLibrary.open(tmp_path)
+    with pytest.raises(InputError, match="without NUL"):
+        CaseLibrary.create(tmp_path / "other", {**identity, "av": "a\0b"}, ODD)
+
+
 def test_a_manifest_cannot_lead_out_of_its_folder(filled: Path) -> None:
     shards = json.loads((filled / "manifest.json").read_text())["shards"]
     shards[0]["cases_file"]["name"] = "../../secret.parquet"

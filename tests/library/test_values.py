@@ -16,8 +16,9 @@ from edited_files import edit_object
 
 from cornerforge._table_checks import with_checks
 from cornerforge.errors import FileFormatError
-from cornerforge.library import CaseLibrary
+from cornerforge.library import CaseLibrary, case_record
 from cornerforge.library.tables import ROW_GROUP
+from cornerforge.types import ODDS, Scenario
 
 ROW = 1
 
@@ -67,7 +68,10 @@ CASES: list[tuple[str, Any, str]] = [
     ("n_decisions", 99, "one for each second"),
     ("n_impossible", 99, "at most n_decisions"),
     ("log_prob_nde", 0.5, "at most 0"),
+    ("log_prob_nde", -math.inf, "at most 0"),
     ("min_ttc_s", -1.0, "at least 0"),
+    ("min_ttc_s", math.inf, "at least 0"),
+    ("log_prob_policy", None, "a number"),
     ("critical_bv_action", [0], "one for each decision"),
     ("critical_bv_action", put(0, 33), "-1 to 32"),
     ("history", put(0, 1e9), "-100000 to 100000"),
@@ -145,6 +149,25 @@ def test_another_table_is_refused(filled: Path, kind: str, change: Callable[[pa.
     rewrite(filled, kind, change)
     with pytest.raises(FileFormatError, match=f"{kind}-000001"):
         list(CaseLibrary.open(filled).shards())
+
+
+@pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan, 1e308])
+def test_an_own_number_may_be_anything(filled: Path, value: float) -> None:
+    rewrite(filled, "cases", set_cell("log_prob_policy", value))
+    assert CaseLibrary.open(filled).verify() == []
+
+
+@pytest.mark.parametrize("value", [None, 0.0, math.nan, math.inf, 1e6])
+def test_the_size_of_an_av_is_a_size(
+    tmp_path: Path, identity: dict[str, Any], make_scenario: Callable[[int], Scenario], value: float | None
+) -> None:
+    library = CaseLibrary.create(tmp_path / "lib", identity, ODDS["default"])
+    for tests in ([1, 2], [3, 4]):
+        cases = [case_record(make_scenario(test), extra={"av_length_m": 4.5}) for test in tests]
+        library.append(cases, next_test=tests[-1] + 1, tests=tests[-1] + 1, crashes=tests[-1])
+    rewrite(tmp_path / "lib", "cases", set_cell("av_length_m", value))
+    with pytest.raises(FileFormatError, match=refused("cases", "0.1 to 100 m")):
+        CaseLibrary.open(tmp_path / "lib").sizes()
 
 
 def test_a_column_alone_is_checked_too(filled: Path) -> None:

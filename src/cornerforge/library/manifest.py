@@ -54,6 +54,8 @@ Identity: TypeAlias = Mapping[str, str | int | float | bool | None]
 MANIFEST = "manifest.json"
 _FORMAT = "cornerforge case library"
 _SHARD_FILE = r"(cases|tracks)-\d{6,}(-growing)?\.parquet"
+_ALWAYS_STATED = tuple(Odd.of_stated({}).stated())
+"""Fields of an ODD that all libraries name."""
 _OURS = re.compile(
     rf"{_SHARD_FILE}|\.({_SHARD_FILE}|manifest\.json)\.part"
     rf"|{_SHARD_FILE}\.tmp|manifest\.json\.tmp"  # names that earlier versions left
@@ -218,6 +220,7 @@ def _relation_fault(content: Mapping[str, Any]) -> str | None:
         before, cases = last, cases + shard["cases"]
     run = content["run"]
     fault = object_fault(run, [field for field in IDENTITY_FIELDS if field.name in run], "run")
+    fault = fault or _odd_fault(run, content["odd"])
     if fault is not None:
         return fault
     version = schema_version(scripted=run.get(SCRIPTED) is True, on_rails=run.get(ON_RAILS) is True)
@@ -226,6 +229,17 @@ def _relation_fault(content: Mapping[str, Any]) -> str | None:
     for key, least in (("crashes", cases), ("tests", content["crashes"])):
         if content[key] < least:
             return f'"{key}" is {content[key]}; it must be at least {least}'
+    return None
+
+
+def _odd_fault(run: Mapping[str, Any], odd: Mapping[str, Any]) -> str | None:
+    """Say what an ODD lacks, or where it is not that of the experiment which `run` names; or None."""
+    for name in _ALWAYS_STATED:
+        if name not in odd:
+            return f'"odd.{name}" is missing'
+    for key, name in (("odd", "name"), ("lanes", "n_lanes")) if "config_hash" in run else ():
+        if run.get(key, odd[name]) != odd[name]:
+            return f'"run.{key}" is {shown(run[key])}; it must be "odd.{name}", {shown(odd[name])}'
     return None
 
 
@@ -271,6 +285,9 @@ def check_identity(run: Identity) -> dict[str, str | int | float | bool | None]:
         raise InputError(f'A library\'s identity needs a whole number "seed"; it is {run.get("seed")!r}.')
     for key, value in run.items():
         is_nan_or_inf = isinstance(value, float) and not math.isfinite(value)
-        if not isinstance(value, (str, int, float, bool, type(None))) or is_nan_or_inf:
-            raise InputError(f"identity[{key!r}] = {value!r} is not a text, finite number, true, false or null.")
+        holds_nul = isinstance(value, str) and "\0" in value
+        if not isinstance(value, (str, int, float, bool, type(None))) or is_nan_or_inf or holds_nul:
+            raise InputError(
+                f"identity[{key!r}] = {value!r} is not a text without NUL, finite number, true, false or null."
+            )
     return dict(run)

@@ -6,17 +6,19 @@ statistics and queries read), and `tracks-NNNNNN.parquet`, the trajectories (wha
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 
 import pyarrow as pa
 
-from cornerforge._arrow import arrow_fields
+from cornerforge._arrow import arrow_fields, arrow_type
 from cornerforge.errors import InputError
-from cornerforge.fields import CASES, TRACKS, Field
+from cornerforge.fields import CASES, SIZES, TRACKS, Field
 from cornerforge.sim import START_FIELDS
 
 __all__ = [
+    "AV_SIZES",
     "EXTRA_TYPES",
     "FILE_FIELDS",
     "IDENTITY_FIELDS",
@@ -29,6 +31,7 @@ __all__ = [
     "SHARD_FIELDS",
     "arrow_schema",
     "check_extra_name",
+    "own_fields",
     "schema_markdown",
     "schema_version",
 ]
@@ -66,13 +69,15 @@ RAILS_TRACKS: tuple[Field, ...] = (
 )  # fmt: skip
 """Columns of the tracks file of a library whose cases are on rails; `action` moves nobody there."""
 
-EXTRA_TYPES: dict[str, pa.DataType] = {
-    "bool": pa.bool_(),
-    "int": pa.int64(),
-    "float": pa.float64(),
-    "str": pa.string(),
-}
+_EXTRA = {"bool": "bool", "int": "int64", "float": "float64", "str": "string"}
+EXTRA_TYPES: dict[str, pa.DataType] = {name: arrow_type(kind) for name, kind in _EXTRA.items()}
 """Types that a caller's own columns may have, by the name that the manifest uses."""
+
+AV_SIZES: tuple[Field, ...] = (
+    Field("av_length_m", "float64", "m", "Length of the AV of the case.", SIZES),
+    Field("av_width_m", "float64", "m", "Width of the AV of the case.", SIZES),
+)
+"""Own columns of libraries whose AVs are not as large as the ODD's cars."""
 
 
 _COUNT = (0, 2**63 - 1)
@@ -144,6 +149,18 @@ def check_extra_name(name: str) -> str:
     if name in {column.name for column in CASES}:
         raise InputError(f'Extra column "{name}" is the name of a column that every library has; choose another.')
     return name
+
+
+def own_fields(extra: Mapping[str, str]) -> tuple[Field, ...]:
+    """Say what a caller's own columns hold: no value is missing; a real number may be anything.
+
+    Args:
+        extra: Name to a key of `EXTRA_TYPES`; names of `CASES`, which early libraries may have here, are left out.
+    """
+    known = {field.name: field for field in (*CASES, *AV_SIZES)}
+    anything = "One of the caller's own; may be NaN.", (-math.inf, math.inf)
+    own = [known.get(name) or Field(name, _EXTRA[kind], "", *anything) for name, kind in extra.items()]
+    return tuple(field for field in own if field not in CASES)
 
 
 def arrow_schema(columns: tuple[Field, ...], extra: Mapping[str, str] | None = None) -> pa.Schema:

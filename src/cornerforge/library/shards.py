@@ -25,7 +25,7 @@ from cornerforge.errors import FileFormatError, InputError
 from cornerforge.fields import BODY, CASES, PARTNER, SHORTFALL, TRACKS
 from cornerforge.library.manifest import Manifest, Shard, StoredFile, replace_file, shard_names
 from cornerforge.library.record import CaseRecord, extra_kinds
-from cornerforge.library.schema import EXTRA_TYPES
+from cornerforge.library.schema import EXTRA_TYPES, own_fields
 from cornerforge.library.tables import ROW_GROUP, parquet_bytes
 from cornerforge.library.values import ShardFacts, cases_fault, tracks_fault
 
@@ -250,7 +250,7 @@ class ShardReader:
             if checks is not None and (fault := checks.fault(table)) is not None:
                 self._note(shard.cases_file.name, fault)
                 return None
-            fault = cases_fault(table, self._facts(shard))
+            fault = cases_fault(table, self._facts(shard), own_fields(self.own_columns))
             if fault is not None:
                 raise self._wrong(shard.cases_file, fault)
             self._checked.add(key)

@@ -36,7 +36,7 @@ from cornerforge.library.manifest import (
 )
 from cornerforge.library.query import MEGABYTES, SECONDS, run_sql
 from cornerforge.library.record import CaseRecord, extra_kinds
-from cornerforge.library.schema import arrow_schema
+from cornerforge.library.schema import AV_SIZES, arrow_schema
 from cornerforge.library.shards import (
     DamagedShardWarning,
     EncodedShard,
@@ -462,7 +462,7 @@ class CaseLibrary:
 
         The AV has the size of the ODD's cars, unless own columns `av_length_m` and `av_width_m` give another one.
         """
-        of_av = [name for name in ("av_length_m", "av_width_m") if name in self.extra]
+        of_av = [field.name for field in AV_SIZES if field.name in self.extra]
         table = self.scalars(["bv_length_m", "bv_width_m", *of_av])
         found = []
         for name, of_car in (("length_m", self.odd.vehicle_length), ("width_m", self.odd.vehicle_width)):

@@ -294,9 +294,9 @@ TRACK_RELATIONS: tuple[Relation, ...] = (
 """Of the trajectories of a shard, and between them and its cases."""
 
 
-def cases_fault(table: pa.Table, facts: ShardFacts) -> str | None:
-    """Say the first thing that is wrong with some or all columns of a shard's cases, or None."""
-    return table_fault(table, CASES, CASE_RELATIONS, facts, case_namer(table))
+def cases_fault(table: pa.Table, facts: ShardFacts, own: Sequence[Field] = ()) -> str | None:
+    """Say the first thing that is wrong with some or all columns of a shard's cases, `own` ones too; or None."""
+    return table_fault(table, (*CASES, *own), CASE_RELATIONS, facts, case_namer(table))
 
 
 def tracks_fault(table: pa.Table, facts: ShardFacts) -> str | None:
