@@ -345,7 +345,7 @@ KINDS = (
         f"train --out p.safetensors --decisions 2048 --tests 20 --resume {_ONE}", 0.5),
     ), 15),
     Kind("snapshot", "checkpoints and snapshots", "snapshot", ("w.world",), (Door("read", _snapshot),), 80,
-    ("@array.*",)),
+    ("* array.cell body", "* array.fill body")),  # bytes of numbers: what they make may be right
     Kind("library", "library", "library", ("lib", "lib/*"), _LIBRARY_DOORS, 180, _ABOUT),
     Kind("scripted library", "library", "case-file", ("imported/library/*",), (
         Door("read", _library("imported/library"), 20, unread=("*/provenance.json", "*/model.npz")),

@@ -190,6 +190,39 @@ def test_a_world_with_other_fields_is_refused_in_one_line(model: NddModel) -> No
         assert "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        ("vehicles.x", np.nan),
+        ("vehicles.speed", np.inf),
+        ("vehicles.target_lane", 99),
+        ("vehicles.action", 33),
+        ("vehicles.kind", -1),
+        ("vehicles.length", 0.0),
+        ("state.n_vehicles", 50),
+        ("state.controlled", 49),
+        ("state.outcome", 8),
+        ("state.test", -1),
+        ("state.av_controls", np.nan),
+        ("state.n_seen", 49),
+        ("order", 49),
+        ("pair_b", -1),
+        ("av_lead", 49),
+        ("seen.y", np.nan),
+    ],
+)
+def test_a_value_that_no_world_has_is_refused(model: NddModel, place: str, value: float) -> None:
+    world = fresh_world(DRIVERS[0].setting(model, Odd(), "idm-mobil"), 0)
+    world.state["n_pairs"], world.pair_b[0] = 1, 1
+    assert packed(unpacked(packed(world))) == packed(world)
+    array, _, field = place.partition(".")
+    values = world._asdict()[array]
+    values = values[field] if field else values
+    values[(0,) * values.ndim] = value
+    with pytest.raises(FileFormatError, match=rf"damaged: {place}.* is .*; it must be "):
+        unpacked(packed(world))
+
+
 def test_a_world_of_another_road_is_refused_where_it_is_driven_on(model: NddModel) -> None:
     setting = DRIVERS[0].setting(model, Odd(), "idm-mobil")
     content = packed(fresh_world(setting, 0))

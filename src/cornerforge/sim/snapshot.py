@@ -17,6 +17,7 @@ from cornerforge._strict_json import parse
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.world import MAX_BRANCH, VEHICLE, World, allocate_worlds, n_slots, world_of
+from cornerforge.sim.world_values import world_fault
 
 __all__ = ["branch_of", "copy_of", "packed", "unpacked"]
 
@@ -61,7 +62,8 @@ def unpacked(content: bytes, setting: Setting | None = None) -> World:
         setting: The run in which the world is driven on; its road must be that of the world. None: not checked.
 
     Raises:
-        FileFormatError: The bytes are no world, damaged, or of a version with another state.
+        FileFormatError: The bytes are no world, damaged, of a version with another state, or hold a value that no
+            world can have.
         InputError: The world is of a road with another number of lanes or of vehicle slots than the setting's.
     """
     body, digest = content[:-_DIGEST_BYTES], content[-_DIGEST_BYTES:]
@@ -75,6 +77,9 @@ def unpacked(content: bytes, setting: Setting | None = None) -> World:
     for array in world:
         array[...] = np.frombuffer(rest, dtype=array.dtype, count=array.size, offset=place)
         place += array.nbytes
+    fault = world_fault(world)
+    if fault is not None:
+        raise FileFormatError(f"This stored world is damaged: {fault}. Drive its test again.")
     if setting is not None and world.vehicles.size != n_slots(setting.road):
         raise InputError(
             f"This stored world has {world.vehicles.size} vehicle slots, the setting's road of {setting.road.n_lanes} "

@@ -1,0 +1,92 @@
+"""What the values of a world may be; kernels trust them, and use some of them as indices."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cornerforge.fields import SIZES
+from cornerforge.sim.world import AV_FAULT, IDLE, MAX_BRANCH, NO_ACTION, NO_VEHICLE, UNDRAWN, UNKNOWN, World
+from cornerforge.types import CLASSES, MAX_LANES, N_ACTIONS
+
+__all__ = ["world_fault"]
+
+_REAL = (-1e6, 1e6)
+_COUNT = (0, 2**63 - 1)
+_LANE = (0, MAX_LANES - 1)
+_LANE_BITS = (0, 2**MAX_LANES - 1)
+_YES_OR_NO = (0, 1)
+_ACTION = (NO_ACTION, N_ACTIONS - 1)
+_TENTHS = (0, 10**6)
+_WITHIN: dict[str, tuple[float, float]] = {
+    "vehicles.target_lane": _LANE,
+    "vehicles.lanes": _LANE_BITS,
+    "vehicles.present": _YES_OR_NO,
+    "vehicles.action": _ACTION,
+    "vehicles.length": SIZES,
+    "vehicles.width": SIZES,
+    "vehicles.kind": (0, len(CLASSES) - 1),
+    "vehicles.quantile": (0, 1),
+    "vehicles.habit": (0, 1),
+    "vehicles.signals": _YES_OR_NO,
+    "vehicles.away": _YES_OR_NO,
+    "vehicles.noise": (-1, 1),
+    "vehicles.noticed": _TENTHS,
+    "state.branch": (0, MAX_BRANCH),
+    "state.substep": (0, 9),
+    "state.outcome": (IDLE, max(AV_FAULT, UNDRAWN)),
+    "state.frame": (-1, 10**6),
+    "state.decisions": (0, 10**5),
+    "state.av_has_answered": _YES_OR_NO,
+    "state.bv_has_answered": _YES_OR_NO,
+    "state.av_steers": _YES_OR_NO,
+    "state.av_lane": _LANE,
+    "state.bv_action": _ACTION,
+    "state.travel": (0, 1e9),
+    "state.av_alarmed": _TENTHS,
+    "seen.lanes": _LANE_BITS,
+    "seen.as_what": (0, 2),
+}
+"""By array and field; what is not named, a real number within a thousand kilometres, or a number of things."""
+
+
+def world_fault(world: World) -> str | None:
+    """Say the first value of a world that none can have, or None; what is not in use may be anything.
+
+    Args:
+        world: One world, not a batch.
+    """
+    slots, pairs = world.vehicles.size, world.pair_a.size
+    slot, no_slot = (0, slots - 1), (NO_VEHICLE, slots - 1)
+    of_this_size = {
+        **{f"state.{name}": (0, slots) for name in ("n_vehicles", "n_current", "n_seen")},
+        **{f"state.{name}": no_slot for name in ("controlled", "slot_a", "slot_b")},
+        "state.n_pairs": (0, pairs),
+        "order": slot,
+        "current": slot,
+        "pair_a": slot,
+        "pair_b": slot,
+        "av_lead": (UNKNOWN, slots - 1),
+        "av_rear": (UNKNOWN, slots - 1),
+    }
+    state = world.state[0]
+    in_use = {
+        "vehicles": state["n_vehicles"],
+        "seen": state["n_vehicles"],
+        "order": state["n_vehicles"],
+        "current": state["n_current"],
+        "pair_a": state["n_pairs"],
+        "pair_b": state["n_pairs"],
+    }
+    for name in ("state", *(name for name in World._fields if name != "state")):
+        array = getattr(world, name)[: in_use.get(name)]
+        for field in array.dtype.names or ("",):
+            place = f"{name}.{field}" if field else name
+            values = array[field] if field else array
+            low, high = (_WITHIN | of_this_size).get(place, _REAL if values.dtype.kind == "f" else _COUNT)
+            wrong = np.argwhere(~((values >= low) & (values <= high)))
+            if wrong.size:
+                at = tuple(wrong[0].tolist())
+                return f"{place}{list(at)} is {values[at].item()!r}; it must be {low:g} to {high:g}"
+    if state["n_seen"] > state["n_current"]:
+        return f"state.n_seen is {state['n_seen']}; it must be at most state.n_current, {state['n_current']}"
+    return None
