@@ -161,7 +161,12 @@ def relation_fault(
         wrong = np.flatnonzero(~relation.holds(values, facts))
         if wrong.size:
             row, value = int(wrong[0]), values[relation.column]
-            is_there = f"has {value.sizes[row]} values" if isinstance(value, Ragged) else f"is {_told(value[row])}"
+            if isinstance(value, Ragged):
+                is_there = f"has {value.sizes[row]} values"
+            elif value.dtype.kind == "f" and np.isnan(value[row]):
+                is_there = "is missing"
+            else:
+                is_there = f"is {_told(value[row])}"
             return f'"{relation.column}" of {name_of(row)} {is_there}; it must be {relation.must}'
     return None
 

@@ -79,6 +79,7 @@ CASES: list[tuple[str, Any, str]] = [
     ("bv_kind", 3, "0 to 2"),
     ("n_implausible", 99, "at most n_decisions"),
     ("trajectory_digest", None, "missing"),
+    ("av_max_braking_mps2", None, "there, in a crash after 0.3 s"),
 ]
 TRACKS: list[tuple[str, Any, str]] = [
     ("case_id", "7:99", "same row of the cases"),
@@ -110,7 +111,7 @@ TRACKS: list[tuple[str, Any, str]] = [
 
 def refused(kind: str, must: str) -> str:
     """The pattern of the message."""
-    return f'{kind}-000001.parquet: "[a-z_]+"(\\[\\d+\\])? of row .*({must})'
+    return f'{kind}-000001.parquet: "[a-z0-9_]+"(\\[\\d+\\])? of row .*({must})'
 
 
 @pytest.mark.parametrize(("column", "value", "must"), CASES, ids=[f"{row[0]}-{i}" for i, row in enumerate(CASES)])
