@@ -429,12 +429,13 @@ KINDS = (
         waits=True,
     ),
     Kind("options", "options", "everything", (), (Door("words", ""),), 32, words=hostile_options, plain=plain_options),
-    Kind("output paths", "output paths", "library", (), (Door("words", ""),), 3, words=hostile_paths,
+    # These wait for processes or disks, so they are a small share; `--kind` tries more of one.
+    Kind("output paths", "output paths", "library", (), (Door("words", ""),), 2, words=hostile_paths,
     plain=plain_path),
     Kind("sql", "SQL", "library", (), (Door("words", ""),), 5, words=hostile_sql),
     Kind("interface", "Python interface and environments", "library", (), (Door("call", ""),), 50, words=hostile_call,
     plain=plain_call),
-    Kind("hostile AV", "AV classes", "hostile-avs", (), (Door("words", ""),), 0.4, words=hostile_av,
+    Kind("hostile AV", "AV classes", "hostile-avs", (), (Door("words", ""),), 0.1, words=hostile_av,
     plain=plain_av),
     Kind("kernel cache", "kernel cache", "kernel-cache", ("cache/*", "cache/*/*"), (
         Door("call", with_cache, free=("*",)),
