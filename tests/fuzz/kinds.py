@@ -278,25 +278,24 @@ CONTROL = Kind(
 # --- The kinds ---
 
 _ONE = "--threads 1 --json"
+_SURPLUS = "*/manifest.json json.add surplus"
+"""A manifest that is written again, without what it does not know."""
+_LICENCE = ("lib/model.npz place.*",)
+"""The model tells the licence, if it is there."""
 _LIBRARY_DOORS = (
     Door("read", _library(), 60, unread=("lib/provenance.json", "lib/model.npz")),
     Door("replay", "replay lib all --check --json", 3),
     Door("query", 'query lib "select * from cases" --json', 0.7),
     Door("analyse", f"analyse lib --out an {_ONE}", 3),
     Door("report", f"report lib --out page {_ONE}", 0.6),
-    Door("openscenario", "export lib all --to openscenario --out x --json", 1),
-    Door("commonroad", "export lib all --to commonroad --out x --json", 1),
-    Door("csv", "export lib all --to csv --out x --json", 1),
-    Door("parquet", "export lib all --to parquet --out x --json", 1),
+    Door("openscenario", "export lib all --to openscenario --out x --json", 1, _LICENCE),
+    Door("commonroad", "export lib all --to commonroad --out x --json", 1, _LICENCE),
+    Door("csv", "export lib all --to csv --out x --json", 1, _LICENCE),
+    Door("parquet", "export lib all --to parquet --out x --json", 1, _LICENCE),
     Door("retest", f"retest lib --av idm-mobil {_ONE}", 2),
     Door("variety", f"variety lib {_ONE}", 2),
     Door("shrink", "shrink lib 0:8 --out shr --json", 0.3),
-    Door(
-        "resume",
-        f"generate --policy lane-changer --cases 6 --out lib --resume {_ONE}",
-        1,
-        ("lib place.*", "lib/manifest.json json.add surplus"),
-    ),  # it is written again, without
+    Door("resume", f"generate --policy lane-changer --cases 6 --out lib --resume {_ONE}", 1, ("lib place.*", _SURPLUS)),
     Door("suite", f"suite build lib --out suite --zoo idm-mobil --zoo rl {_ONE}", 0.5),
     Door("serve", _exhibit("lib"), 0.5),
 )
@@ -316,6 +315,8 @@ _ABOUT = (
     "* table.cell name",
     "* table.cell trajectory_digest",  # any digits: only a replay tells
     "run.av",  # as someone named it; a name of a file may hold any character
+    "run.bv",
+    "* table.cell min_ttc_s",  # which may be as large as it likes
     "* table.cell origin",
     "provenance*",
     "about*",
@@ -341,7 +342,7 @@ KINDS = (
         Door("read", _av, 20), Door("simulate", f"simulate --tests 8 --av a.safetensors {_ONE}"),
     ), 90, ("about*",)),
     Kind("checkpoint", "checkpoints and snapshots", "checkpoint", ("p.safetensors.checkpoint",), (
-        Door("read", _checkpoint, 6, ("* json.*", "* array.*", "* place.missing")), Door("resume",
+        Door("read", _checkpoint, 6, ("* json.*", "* array.*", "* place.missing", "* place.dangling")), Door("resume",
         f"train --out p.safetensors --decisions 2048 --tests 20 --resume {_ONE}", 0.5),
     ), 15),
     Kind("snapshot", "checkpoints and snapshots", "snapshot", ("w.world",), (Door("read", _snapshot),), 80,
@@ -366,7 +367,7 @@ KINDS = (
     ), 35, _ABOUT),
     Kind("rate folder", "folders", "rate", ("rate", "rate/*", "rate/library/*"), (
         Door("resume", f"rate --method mc --max-tests 300 --av flawed-not-behind --out rate --resume {_ONE}", 2,
-        ("rate place.*", "rate/library* place.*")),
+        ("rate place.*", "rate/library* place.*", _SURPLUS)),
         Door("report", f"report rate --out page {_ONE}", 0.2), Door("serve", _exhibit("rate"), 4),
     ), 30, _ABOUT),
     Kind("trees folder", "folders", "trees", ("rate", "rate/*", "rate/trees", "rate/trees/*", "rate/weighted/*"), (
@@ -377,8 +378,12 @@ KINDS = (
     ), 14, _ABOUT),
     Kind("run folder", "folders", "run", ("run", "run/*", "run/*/*"), (
         Door("resume", f"run --effort quick --seed 2 --av flawed-not-behind --out run --resume {_ONE}", 0.4,
-        ("* place.missing",), ("run/exposure.json", "run/summary.json")),  # which it writes again
-        Door("report", f"report run {_ONE}", 1), Door("serve", _exhibit("run"), 4,
+        ("* place.missing", "* place.dangling", "run/library place.folder", _SURPLUS),
+        ("run/exposure.json", "run/summary.json")),  # which it writes again
+        Door("report", f"report run {_ONE}", 1,
+        ("run/provenance.json * identity.*",  # it is shown as it stands
+        "run/analysis/analysis.json json.drop value.top.*")),  # which early analyses lack
+        Door("serve", _exhibit("run"), 4,
         ("run/*analysis place.*", "run/*analysis/* place.*", "run/*provenance.json *", "run/stages*",
         "* table.add *", "run/*analysis/* table.drop *"),
         ("run/*analysis/provenance.json",)),  # it analyses anew; early analyses have fewer columns

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 from statistical_bounds import distance_to_law, dkw_bound
 
-from cornerforge.errors import InputError
+from cornerforge.errors import FileFormatError, InputError
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
 from cornerforge.ndd.uncertainty import (
     DESIGN_EFFECT,
@@ -110,6 +110,11 @@ def test_intervals_of_the_models_own_fit_are_taken(model: NddModel) -> None:
     assert found["lane_change", "rate"].measured
     assert ("lane_change", "near") in found
     assert found["initial", "noise_spread"].width == 0.49, "an interval from 0 has no width in logarithms"
+    for wrong in ({"interval95": 1.0}, {"interval95": [1.0]}, {}, "many", {"interval95": ["a", "b"]}):
+        with pytest.raises(FileFormatError, match="no usable intervals"):
+            widths(replace(model, provenance={"noise_spread_fit": wrong}))
+        with pytest.raises(FileFormatError, match="no usable intervals"):
+            widths(replace(model, provenance={"lane_change_fit": {"numbers": {"rate": wrong}}}))
 
 
 def test_what_cannot_be_drawn_is_refused_in_one_sentence(model: NddModel) -> None:

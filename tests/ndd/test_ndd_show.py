@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 import cornerforge
 from cornerforge.cli import main
-from cornerforge.errors import InputError, MissingExtraError, OutputError
+from cornerforge.errors import FileFormatError, InputError, MissingExtraError, OutputError
 from cornerforge.ndd import default_model_path, load_model, save_model
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
 from cornerforge.ndd.show import counted_states, key_numbers, mean_and_sd, quantiles
@@ -97,15 +97,31 @@ def test_counted_decisions_are_those_of_the_provenance(model: NddModel) -> None:
     assert counts is not None
     assert counts.shape == (SPEEDS.size, GAPS.size, RANGE_RATES.size)
     assert counts.sum() == sum(counted["decisions"])
+    assert counts.reshape(-1)[counted["state"][0]] == counted["decisions"][0]
     numbers = key_numbers(model)["counted"]
     assert numbers["following_states"] == len(counted["state"])
     assert sum(numbers["following_decisions_by_speed"]) == counts.sum()
 
 
-@pytest.mark.parametrize("counted", [None, {"state": [1, 2]}, {"state": [10**9], "decisions": [1]}, "many"])
-def test_a_provenance_without_usable_counts_is_said_so(model: NddModel, counted: object) -> None:
-    foreign = replace(model, provenance={"counted": counted})
-    numbers = key_numbers(foreign)
+@pytest.mark.parametrize(
+    "counted",
+    [
+        {"state": [1, 2]},
+        {"state": [10**9], "decisions": [1]},
+        {"state": [-1], "decisions": [1]},
+        {"state": [1, 2], "decisions": [1]},
+        {"state": ["a"], "decisions": [1]},
+        {"state": -1e308, "decisions": [1]},
+        "many",
+    ],
+)
+def test_unusable_counts_are_refused(model: NddModel, counted: object) -> None:
+    with pytest.raises(FileFormatError, match="no usable counts"):
+        key_numbers(replace(model, provenance={"counted": counted}))
+
+
+def test_a_provenance_without_counts_is_said_so(model: NddModel) -> None:
+    numbers = key_numbers(replace(model, provenance={}))
     assert numbers["counted"] is None
     assert "Counted decisions: not stated." in show_text(
         from_json(NddShown, {"model_hash": "", "model": "", "figures": [], **numbers})

@@ -118,6 +118,9 @@ IDENTITY_FIELDS: tuple[Field, ...] = (
     Field("code", "hex", "", "Hash of the code that drove; may be missing."),
     Field("scripted", "bool", "", "All cases are scripted; may be missing: they are tests of the seed."),
     Field("on_rails", "bool", "", "The other vehicles are on rails; may be missing: they drive."),
+    Field("moving_cases", "hex", "", "Hash of how others move in cases of recordings or other tools; may be missing."),
+    Field("source", "hex", "", "Hash of the identity of the library that was shrunk; may be missing."),
+    Field("source_bv", "string", "", "What drove the BVs there; may be missing."),
 )
 """What `run` of a library's manifest, and `identity` of a provenance, hold of an experiment; commands add keys."""
 

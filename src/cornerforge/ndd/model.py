@@ -189,6 +189,8 @@ def load_model(path: Path) -> NddModel:
         header = parse(str(arrays["header"]), finite=False)
         if not isinstance(header, dict):
             raise FileFormatError("its header is no object.")
+        if not isinstance(header.get("provenance"), dict):
+            raise FileFormatError("its provenance is no object.")
         version = header.get("schema_version")
         if version not in _READABLE:
             raise FileFormatError(
@@ -207,7 +209,7 @@ def load_model(path: Path) -> NddModel:
         return NddModel(
             **tables,
             **numbers,
-            memory=Memory(**header.get("memory", {})),
+            memory=Memory(**(header.get("memory", {}) if version == 1 else header["memory"])),
             initial=InitialState(**(_UNSAID | header["initial"])),
             provenance=header["provenance"],
         )

@@ -13,15 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._files import writing
-from cornerforge.errors import FileFormatError, MissingExtraError
+from cornerforge.errors import MissingExtraError
 from cornerforge.ndd.drawing import inline, new_figure, page, png_of, table
 from cornerforge.ndd.grids import SPEED_GRID
 from cornerforge.ndd.lane_fit import LaneChangeFit
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel, model_hash
 from cornerforge.ndd.parts import ModelPart
+from cornerforge.ndd.show import counted_states
 from cornerforge.types import ACCELERATIONS
 
-__all__ = ["PROBES", "FitReport", "counted_states", "write_fit_report"]
+__all__ = ["PROBES", "FitReport", "write_fit_report"]
 
 PROBES = ((20.0, 30.0, 0.0), (20.0, 30.0, -2.0), (30.0, 30.0, 0.0), (30.0, 30.0, -2.0))
 """States (speed, gap, range rate) at which a study of other choices shows the table's mean and spread."""
@@ -120,23 +121,6 @@ def write_fit_report(report: FitReport, model: NddModel, path: Path) -> None:
         part.write_text(page("Fit report", "".join(parts)), encoding="utf-8")
 
 
-def counted_states(model: NddModel) -> NDArray[np.int64]:
-    """Read the decisions counted in each following state from the provenance, shape (21, 116, 19); zeros if absent.
-
-    Raises:
-        FileFormatError: The provenance names a state that is not on the grid.
-    """
-    counted = np.zeros((SPEEDS.size, GAPS.size, RANGE_RATES.size), dtype=np.int64)
-    stated: Any = model.provenance.get("counted")
-    if stated is None:
-        return counted
-    try:
-        counted.reshape(-1)[np.array(stated["state"], dtype=np.int64)] = stated["decisions"]
-    except (IndexError, KeyError, TypeError, ValueError) as error:
-        raise FileFormatError(f"The model's provenance holds no usable counts ({error}); fit it again.") from error
-    return counted
-
-
 def _sources(report: FitReport) -> str:
     """Each part of the model, where its numbers come from, and why."""
     head = ["part", "where it comes from", "on how many data, or why not"]
@@ -166,6 +150,8 @@ def _between(interval: tuple[float, float]) -> str:
 def _coverage(report: FitReport, model: NddModel) -> str:
     """A map of the counted decisions: everything else is extrapolated."""
     counted = counted_states(model)
+    if counted is None:
+        counted = np.zeros((SPEEDS.size, GAPS.size, RANGE_RATES.size), dtype=np.int64)
     by_speed = counted.sum(axis=(1, 2))
     last = int(np.flatnonzero(by_speed)[-1]) if by_speed.any() else 0
     beyond = f"No decision at all was counted above {SPEEDS[last]:g} m/s. " if by_speed.any() else ""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge.errors import FileFormatError
 from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.ivbss_initial import gap_law, speed_law
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
@@ -210,16 +211,28 @@ def _named(points: Mapping[int, float]) -> dict[str, float]:
 
 
 def counted_states(model: NddModel) -> NDArray[np.int64] | None:
-    """Decisions counted in each following state, shape (21, 116, 19); None if the model says nothing of them."""
-    counted = model.provenance.get("counted")
-    if not isinstance(counted, Mapping) or not {"state", "decisions"} <= set(counted):
+    """Read the decisions counted in each following state from the provenance.
+
+    Returns:
+        Shape (21, 116, 19); None if the provenance says nothing of them.
+
+    Raises:
+        FileFormatError: It says something else than counts of states on the grid.
+    """
+    stated: Any = model.provenance.get("counted")
+    if stated is None:
         return None
-    counts = np.zeros(SPEEDS.size * GAPS.size * RANGE_RATES.size, dtype=np.int64)
-    state = np.array(counted["state"], dtype=np.int64)
-    if state.size and (state.min() < 0 or state.max() >= counts.size or state.size != len(counted["decisions"])):
-        return None
-    counts[state] = counted["decisions"]
-    return counts.reshape(SPEEDS.size, GAPS.size, RANGE_RATES.size)
+    counts = np.zeros((SPEEDS.size, GAPS.size, RANGE_RATES.size), dtype=np.int64)
+    try:
+        state, decisions = (np.array(stated[name], dtype=np.int64) for name in ("state", "decisions"))
+        if state.size and state.min() < 0:
+            raise ValueError("a state below 0")
+        if state.shape != decisions.shape or state.ndim != 1:
+            raise ValueError(f"{state.size} states, {decisions.size} numbers of decisions")
+        counts.reshape(-1)[state] = decisions
+    except (IndexError, KeyError, TypeError, ValueError, OverflowError) as error:
+        raise FileFormatError(f"The model's provenance holds no usable counts ({error}); fit it again.") from error
+    return counts
 
 
 def _counted(model: NddModel) -> dict[str, Any] | None:

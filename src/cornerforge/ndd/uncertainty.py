@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
-from cornerforge.errors import InputError
+from cornerforge.errors import FileFormatError, InputError
 from cornerforge.ndd.model import NddModel
 from cornerforge.ndd.variations import Variation, counted_decisions, section, varied_model
 
@@ -104,15 +104,24 @@ def widths(model: NddModel) -> tuple[Uncertain, ...]:
 
 
 def _own_intervals(provenance: Mapping[str, object]) -> dict[tuple[str, str], tuple[float, float]]:
-    """Read the intervals that a fit left in the provenance, by part and field."""
+    """Read the intervals that a fit left in the provenance, by part and field.
+
+    Raises:
+        FileFormatError: It left something else there.
+    """
     found: dict[tuple[str, str], tuple[float, float]] = {}
-    noise = provenance.get("noise_spread_fit")
-    if isinstance(noise, dict):
-        found["initial", "noise_spread"] = _pair(noise)
-    changes = provenance.get("lane_change_fit")
-    if isinstance(changes, dict):
-        for name, number in dict(changes["numbers"]).items():
-            found["lane_change", str(name)] = _pair(number)
+    noise: Any = provenance.get("noise_spread_fit")
+    changes: Any = provenance.get("lane_change_fit")
+    try:
+        if noise is not None:
+            found["initial", "noise_spread"] = _pair(noise)
+        if changes is not None:
+            for name, number in dict(changes["numbers"]).items():
+                found["lane_change", str(name)] = _pair(number)
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileFormatError(
+            f"The model's provenance holds no usable intervals of its fit ({error}); fit it again."
+        ) from error
     return found
 
 
