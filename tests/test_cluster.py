@@ -99,6 +99,7 @@ def test_errors_warnings_and_cpu_time_come_back(machines: Any) -> None:
             list(in_order(partial(where_with, threading.Lock()), 0, 4, chunk=2, threads=1))
 
 
+@pytest.mark.slow
 def test_all_verbs_give_the_same(machines: Any, tmp_path: Path) -> None:
     def all_of_it(out: Path) -> tuple[Any, ...]:
         simulated = cornerforge.simulate(tests=3000, stats=True, seed=4)

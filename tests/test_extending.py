@@ -253,6 +253,7 @@ def test_what_is_forgotten_is_an_error_that_names_it(scratch: Path, tmp_path: Pa
         (copy / name).write_text(whole, encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_four_extensions_work(scratch: Path) -> None:
     done = python(scratch, USE)
     assert done.returncode == 0, done.stderr

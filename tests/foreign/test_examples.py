@@ -57,6 +57,7 @@ def test_a_planner_drives_as_one_would_expect(av: str, package: str) -> None:
     assert settled > 0.5 * frames
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("examples")
 def test_what_they_crash_in_is_a_case_that_replays(tmp_path: Path) -> None:
     pytest.importorskip("highway_env")

@@ -47,6 +47,7 @@ def test_they_become_the_same_as_those_of_the_same_av_inside(tmp_path: Path) -> 
     assert said.identical
 
 
+@pytest.mark.slow
 def test_an_av_that_steers_and_fails_at_times_keeps_what_it_needs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -86,7 +86,7 @@ def assert_same(result: TrainResult, expected: TrainResult) -> None:
 
 @pytest.mark.usefixtures("twins")
 @pytest.mark.parametrize("reward", ["crash", "avoidable", "preventable"])
-@pytest.mark.parametrize(("batch", "threads"), [(256, 2), (24, 2), (24, 1)])
+@pytest.mark.parametrize(("batch", "threads"), [pytest.param(256, 2, marks=pytest.mark.slow), (24, 2), (24, 1)])
 def test_the_weights_are_those_of_the_same_av_inside(reward: str, batch: int, threads: int) -> None:
     """`rl` decides every half second, so a world that was given the wrong seat would be out of step."""
     av = ForeignAv("twins:Twin", ODD, batch=batch)
@@ -159,6 +159,7 @@ def test_negative_control_the_av_must_be_shown_again_what_it_saw(
     assert found.weights.tobytes() != unbroken().weights.tobytes()
 
 
+@pytest.mark.slow
 def test_faults_before_a_stop_are_not_forgotten(avs: Path, tmp_path: Path) -> None:  # noqa: ARG001
     def stop(point: CurvePoint) -> None:
         if point.decisions == 3200:
@@ -210,7 +211,8 @@ def expected_faults(av: ForeignAv, one_in: int, seed: int = 0) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("name", "one_in", "what"), [("Raises", 61, "raised"), ("Exits", 97, "ended"), ("Nan", 40, "answer")]
+    ("name", "one_in", "what"),
+    [("Raises", 61, "raised"), pytest.param("Exits", 97, "ended", marks=pytest.mark.slow), ("Nan", 40, "answer")],
 )
 def test_a_fault_costs_its_own_test_in_any_batch(avs: Path, name: str, one_in: int, what: str) -> None:  # noqa: ARG001
     many, few = (ForeignAv(f"avs:{name}", ODD, batch=batch) for batch in (256, 24))
@@ -315,6 +317,7 @@ def test_the_whole_job_ends_in_a_page(monkeypatch: pytest.MonkeyPatch) -> None:
     assert replace(again, seconds=0.0) == replace(done, seconds=0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("twins")
 def test_plausibility_and_variety_take_it(monkeypatch: pytest.MonkeyPatch) -> None:
     module = importlib.import_module("cornerforge.pipeline.plausibility")

@@ -95,6 +95,7 @@ class Weaves:
 """
 
 
+@pytest.mark.slow
 def test_trees_of_an_av_that_steers_do_not_depend_on_the_batch(
     reckless: NddModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -117,6 +118,7 @@ def test_trees_of_an_av_that_steers_do_not_depend_on_the_batch(
         assert kept.crash.slot_a == 0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("avs")
 def test_an_av_without_memory_is_shown_nothing_again(reckless: NddModel) -> None:
     run, how = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE), plan(0, 1e-2)

@@ -151,6 +151,7 @@ class Av:
 """
 
 
+@pytest.mark.slow
 @needs_proc
 def test_tests_that_it_spoils_are_named_and_counted(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (here / "hostile.py").write_text(BASE + STRUCK, encoding="utf-8")

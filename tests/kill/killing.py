@@ -94,7 +94,7 @@ JOBS = {
     "reproduce": Job("reproduce --effort quick --figure figure3 --out OUT", resumes=True),
 }  # fmt: skip
 QUICK = ("simulate", "analyse", "rate mc")
-"""What is killed within `make test`."""
+"""What is killed within `make test-slow`."""
 
 
 # Small parts of work
@@ -578,7 +578,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=None, help="of what is drawn; drawn and printed by default")
     parser.add_argument("--minutes", type=float, default=None, help="stop after this time")
     parser.add_argument("--only", nargs="*", default=list(JOBS), choices=list(JOBS), metavar="COMMAND")
-    parser.add_argument("--quick", action="store_true", help="the few commands that `make test` kills")
+    parser.add_argument("--quick", action="store_true", help="the few commands that `make test-slow` kills")
     asked = parser.parse_args()
     seed = random.SystemRandom().randrange(2**31) if asked.seed is None else asked.seed
     names = list(QUICK) if asked.quick else asked.only

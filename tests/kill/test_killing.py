@@ -1,4 +1,4 @@
-"""A few of the kills of `make kill`, within the default tests."""
+"""A few of the kills of `make kill`, within `make test-slow`."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs fork")
 def test_a_few_kills_lose_and_double_nothing(seed: int) -> None:
     script = Path(__file__).with_name("killing.py")

@@ -318,6 +318,7 @@ def is_found(name: str, number: FittedNumber) -> bool:
     return -chance - BIAS[name] < by < chance + (0.0 if name == "lead_doubt" else BIAS[name])
 
 
+@pytest.mark.slow
 def test_drivers_of_the_simulator_are_found_again(tmp_path: Path, seed: int) -> None:
     """The unit is a second at risk; the spread of each estimate comes from about 1,700 changes."""
     paths = highd_folder(tmp_path, TRUTH, 24, seed)

@@ -111,6 +111,7 @@ def states(n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np
     return rng.uniform(10.0, 30.0, n), rng.uniform(5.0, 80.0, n), rng.normal(0.0, 2.0, n)
 
 
+@pytest.mark.slow
 def test_the_fit_finds_the_law_that_made_the_data() -> None:
     rng = np.random.default_rng(2)
     true = LogLaw(

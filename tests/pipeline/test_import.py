@@ -56,6 +56,7 @@ def test_libraries_of_imported_cases_are_as_others(
     assert cases.recorded.baseline_crashes == done.crashes
 
 
+@pytest.mark.slow
 def test_imported_cases_shrink(there_and_back: tuple[list[str], ImportedCases], tmp_path: Path) -> None:
     """Vehicles go, the window gets shorter; the crash is the same, and the motion is still that of the rails."""
     _, done = there_and_back

@@ -43,6 +43,7 @@ def untimed(found: NaturalRate) -> NaturalRate:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "most"), [("splitting", 20_000), ("is", 60_000)])
 def test_weighted_tests_and_counting_agree(world: dict[str, Any], tmp_path: Path, method: str, most: int) -> None:
     counted = cornerforge.rate(**world, method="mc", max_tests=40_000, target_rhw=0.001)

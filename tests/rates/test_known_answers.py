@@ -59,7 +59,7 @@ drawn as in nature."""
 BY_DEFAULT = pytest.mark.parametrize(
     ("problem", "method"),
     [
-        pytest.param(p, m, marks=[pytest.mark.slow] if (p, m) == ("chain", "is") else [])
+        pytest.param(p, m, marks=[] if m == "mc" or (p, m) == ("cut-in", "splitting") else [pytest.mark.slow])
         for p in PROBLEMS
         for m in METHODS
     ],
@@ -226,6 +226,7 @@ def test_trees_that_drop_one_kind_are_caught(of_the_chain: Futures, seed: int) -
     assert not rate_fits(found.covered, 10, 0.95), found.told()
 
 
+@pytest.mark.slow
 def test_a_rare_crash_is_found_by_trees_and_not_by_counting(seed: int) -> None:
     """Of 1e-6, to 10 %, with all that was driven to teach; so many plain tests mostly see no crash at all.
 
