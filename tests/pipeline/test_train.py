@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import shutil
 from dataclasses import replace
@@ -13,7 +14,7 @@ import pytest
 from folder_snapshot import snapshot
 
 import cornerforge
-from cornerforge.adversary.policy_file import load_policy, policy_hash, save_policy
+from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, save_policy
 from cornerforge.errors import FileFormatError, InputError, OutputError
 from cornerforge.ndd.model import default_model_path, load_model, save_model
 from cornerforge.pipeline.train import load_timed_policy
@@ -68,6 +69,21 @@ def test_the_same_training_gives_the_same_bytes(trained: tuple[Path, Trained], t
     assert [point["seconds"] for point in timed] == made["point_seconds"]
     assert sorted(made["point_seconds"]) == made["point_seconds"]
     assert 0.0 < made["point_seconds"][-1] <= made["seconds"]
+
+
+def test_a_stop_at_the_end_loses_no_times(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The policy comes last: where it is, nothing is missing, since a resumed command only measures it."""
+    verb, path = importlib.import_module("cornerforge.pipeline.train"), tmp_path / "p.safetensors"
+
+    def stopped(policy: Policy, place: Path) -> None:
+        save_policy(policy, place)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(verb, "save_policy", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        cornerforge.train(out=path, decisions=512, tests=64)
+    assert cornerforge.train(out=path, decisions=512, tests=64, resume=True).kept
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["p.provenance.json", "p.safetensors"]
 
 
 def test_a_policy_of_old_keeps_the_times_that_it_carries(trained: tuple[Path, Trained], tmp_path: Path) -> None:

@@ -253,8 +253,8 @@ class Bench:
             run, config, seed=seed, threads=self.threads, checkpoint=checkpoint,
             progress=lambda stage, done, total: self.progress(f"{stage} ({adversary.key}, {k})", done, total),
         )  # fmt: skip
-        save_policy(policy, path)
         write_provenance_beside(path, run, result, seed)
+        save_policy(policy, path)  # last: where it is, the training is done
         checkpoint.remove()
         return load_policy(path)
 

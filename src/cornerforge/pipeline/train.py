@@ -379,8 +379,8 @@ def train(
             progress=progress,
             checkpoint=checkpoint,
         )
-        save_policy(policy, path)
         write_provenance_beside(path, run, result, seed)
+        save_policy(policy, path)  # last: where it is, a resumed command takes the training for done
         seconds = result.seconds
     checkpoint.remove()
     trained = experiment(options.without_mask(), policy=policy, takes_foreign=True, seed=seed)
