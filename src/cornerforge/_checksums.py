@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import tokenize
 import warnings
 import zipfile
 import zlib
@@ -51,7 +52,7 @@ _LARGEST = 1 << 31
 
 UNREADABLE = (
     OSError, KeyError, TypeError, ValueError, EOFError, MemoryError, OverflowError, RecursionError, RuntimeError,
-    zipfile.BadZipFile, zlib.error,
+    zipfile.BadZipFile, zlib.error, tokenize.TokenError,
 )  # fmt: skip
 """What `np.load` raises of a damaged file of arrays."""
 _LARGEST_WEIGHT = 1e6

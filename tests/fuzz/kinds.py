@@ -342,8 +342,9 @@ KINDS = (
         Door("read", _av, 20), Door("simulate", f"simulate --tests 8 --av a.safetensors {_ONE}"),
     ), 90, ("about*",)),
     Kind("checkpoint", "checkpoints and snapshots", "checkpoint", ("p.safetensors.checkpoint",), (
-        Door("read", _checkpoint, 6, ("* json.*", "* array.*", "* place.missing", "* place.dangling")), Door("resume",
-        f"train --out p.safetensors --decisions 2048 --tests 20 --resume {_ONE}", 0.5),
+        Door("read", _checkpoint, 6,
+        ("* json.*", "* array.*", "* place.missing", "* place.dangling", "* place.loop")),
+        Door("resume", f"train --out p.safetensors --decisions 2048 --tests 20 --resume {_ONE}", 0.5),
     ), 15),
     Kind("snapshot", "checkpoints and snapshots", "snapshot", ("w.world",), (Door("read", _snapshot),), 80,
     ("* array.cell body", "* array.fill body")),  # bytes of numbers: what they make may be right
@@ -403,7 +404,10 @@ KINDS = (
     f"ndd fit pairs.csv --out new.npz {_ONE}", 0.05)), 60),
     Kind("leaders", "trajectories", "tracks", ("leaders.csv",), (Door("read", _decisions("leaders.csv")),), 60),
     Kind("ivbss", "IVBSS arrays", "ivbss", ("NDD_DATA", "NDD_DATA/*", "NDD_DATA/*/*"), (Door("import",
-    f"ndd import NDD_DATA --out new.npz {_ONE}"),), 2, ("@place.*", "* array.dtype*", "* array.add*")),
+    f"ndd import NDD_DATA --out new.npz {_ONE}"),), 2, ("@place.*", "* array.dtype*", "* array.add*",
+    # The two may be missing, and what holds no change is not used; what does not sum to 1 is counted in the answer.
+    "* array.drop shape", "* array.shape shape", "* array.drop fill_value", "* array.shape fill_value",
+    "* array.cell data")),
     Kind("openscenario", "scenarios of other tools", "scenarios", ("osc/*", "osc/*/*"), (
         Door("read", _moving("read_openscenario", "osc/cut_in.xosc"), 8), Door("import",
         "import osc/cut_in.xosc --out x --json", 0.4),
@@ -427,7 +431,7 @@ KINDS = (
         Door("read", _read_case, 12), Door("retest", f"retest imported/cases --av idm-mobil {_ONE}", 1),
     ), 150, ("facts*", "name", "made_by", "licence", "*description*", "notes*", "* json.drop vehicles.*.start.*",
     "av.name", "* json.drop vehicles.*.poses", "* json.set vehicles.*.poses.x_m.*",  # unknown, or not there
-    "* json.drop road.*")),
+    "* json.drop road.*", "road.name")),
     Kind(
         "config", "options", "config", ("c.toml",), (Door("simulate", "simulate --config c.toml --json",
         free=("* place.empty", "* place.null", "* place.zero")),), 60,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -69,6 +70,7 @@ CASES: list[tuple[str, Any, str]] = [
     ("n_impossible", 99, "at most n_decisions"),
     ("log_prob_nde", 0.5, "at most 0"),
     ("log_prob_nde", -math.inf, "at most 0"),
+    ("log_prob_nde", None, "missing where n_impossible is above 0, and there alone"),
     ("min_ttc_s", -1.0, "at least 0"),
     ("min_ttc_s", math.inf, "at least 0"),
     ("log_prob_policy", None, "a number"),
@@ -150,6 +152,31 @@ def test_another_table_is_refused(filled: Path, kind: str, change: Callable[[pa.
     rewrite(filled, kind, change)
     with pytest.raises(FileFormatError, match=f"{kind}-000001"):
         list(CaseLibrary.open(filled).shards())
+
+
+@pytest.mark.parametrize(
+    ("whole", "possible", "implausible", "fine"),
+    [
+        (2.0, 2.0, 0, True),
+        (math.inf, 2.0, 1, True),
+        (math.inf, 2.0, 0, False),
+        (3.0, 2.0, 0, False),
+        (3.0, 2.0, 1, False),
+    ],
+)
+def test_a_shortfall_is_that_of_its_parts(
+    filled: Path, whole: float, possible: float, implausible: int, *, fine: bool
+) -> None:
+    values = {"shortfall_nats": whole, "possible_shortfall_nats": possible, "n_implausible": implausible}
+
+    def change(table: pa.Table) -> pa.Table:
+        for column, value in values.items():
+            table = set_cell(column, value)(table)
+        return table
+
+    rewrite(filled, "cases", change)
+    told = CaseLibrary.open(filled).verify()
+    assert told == [] if fine else re.search("inf where n_implausible is above 0", told[0])
 
 
 @pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan, 1e308])

@@ -85,6 +85,14 @@ def _known(column: str) -> Relation:
     )
 
 
+def _whole_shortfall(v: Values, _: Any) -> Holds:
+    """What is not recorded, NaN, may be anything."""
+    whole, possible, implausible = v["shortfall_nats"], v["possible_shortfall_nats"], v["n_implausible"]
+    unknown = np.isnan(whole) | np.isnan(possible) | np.isnan(implausible)
+    wanted = np.where(implausible > 0, np.inf, possible)
+    return np.asarray(unknown | (whole == wanted) | (np.abs(whole - possible) <= _CLOSE) & (implausible == 0))
+
+
 def _plausible(v: Values, _: Any) -> Holds:
     """Whether no limit is broken; NaN, of what was not seen, breaks none."""
     broken = np.zeros(v["physically_plausible"].size, dtype=bool)
@@ -119,6 +127,14 @@ CASE_RELATIONS: tuple[Relation, ...] = (
     ),
     Relation(
         "n_implausible", "at most n_decisions", ("n_decisions",), lambda v, _: ~(v["n_implausible"] > v["n_decisions"])
+    ),
+    Relation(
+        "log_prob_nde", "missing where n_impossible is above 0, and there alone", ("n_impossible",),
+        lambda v, _: np.isnan(v["log_prob_nde"]) == (v["n_impossible"] > 0),
+    ),
+    Relation(
+        "shortfall_nats", "inf where n_implausible is above 0, else possible_shortfall_nats",
+        ("n_implausible", "possible_shortfall_nats"), _whole_shortfall,
     ),
     *(_known(f"av_max_{what}_mps2") for what in LIMITS),
     Relation("physically_plausible", "true where no acceleration is beyond its limit", tuple(_LIMITS), _plausible),

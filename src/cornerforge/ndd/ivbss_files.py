@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checksums import UNREADABLE
+from cornerforge._words import shown
 from cornerforge.errors import FileFormatError
 
 __all__ = ["ROLES", "Coordinates", "Role", "check_array", "find_arrays", "load_array", "load_coordinates"]
@@ -226,9 +227,12 @@ def _from_list(path: Path, shape: tuple[int, ...], lengths: Sequence[int]) -> Co
         )
     if coords.dtype.kind not in "iu" or data.dtype.kind not in "fiu":
         raise FileFormatError(f"{path}: coords must be whole numbers and data numbers.")
-    if "fill_value" in parts and parts["fill_value"].astype(np.float64) != 0.0:
-        raise FileFormatError(f"{path}: fill_value is {parts['fill_value']}; only lists of what is not 0 can be read.")
-    found = tuple(int(n) for n in parts["shape"]) if "shape" in parts else (*shape, lengths[0])
+    fill, whole = parts.get("fill_value", np.zeros(())), parts.get("shape", np.array((*shape, lengths[0])))
+    if fill.size != 1 or fill.dtype.kind not in "fiu" or fill.item() != 0:
+        raise FileFormatError(f"{path}: fill_value is {shown(fill.tolist())}; only lists of what is not 0 can be read.")
+    if whole.ndim != 1 or whole.dtype.kind not in "iu":
+        raise FileFormatError(f"{path}: shape is {shown(whole.tolist())}; it must be whole numbers.")
+    found = tuple(whole.tolist())
     if len(found) != len(shape) + 1:
         raise FileFormatError(f"{path} has {len(found)} axes; expected {len(shape) + 1}.")
     _check_shape(path, found, shape, lengths)
