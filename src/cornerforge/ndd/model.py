@@ -189,14 +189,14 @@ def load_model(path: Path) -> NddModel:
         header = parse(str(arrays["header"]), finite=False)
         if not isinstance(header, dict):
             raise FileFormatError("its header is no object.")
-        if not isinstance(header.get("provenance"), dict):
-            raise FileFormatError("its provenance is no object.")
         version = header.get("schema_version")
         if version not in _READABLE:
             raise FileFormatError(
                 f"it has schema version {version}; this cornerforge reads {SCHEMA_VERSION}: fit it again, or install "
                 "the version that made it."
             )
+        if not isinstance(header.get("provenance"), dict):
+            raise FileFormatError("its provenance is no object.")
         stored = [name for name in _SHAPES if version > 1 or name != "lc_turn_back"]
         for name in stored:
             if arrays[name].dtype != np.float32:
