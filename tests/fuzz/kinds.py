@@ -316,6 +316,7 @@ _ABOUT = (
     "* table.cell trajectory_digest",  # any digits: only a replay tells
     "run.av",  # as someone named it; a name of a file may hold any character
     "run.bv",
+    "run.acting",
     "* table.cell min_ttc_s",  # which may be as large as it likes
     "* table.cell origin",
     "provenance*",

@@ -288,7 +288,8 @@ def _served(name: str, field: pa.Field, source: str, values: pa.ChunkedArray) ->
 
 def _said(field: pa.Field) -> tuple[str, str]:
     about = field.metadata or {}
-    return about.get(b"unit", b"").decode(), about.get(b"meaning", b"").decode()
+    unit, meaning = (about.get(key, b"").decode(errors="replace") for key in (b"unit", b"meaning"))
+    return unit, meaning
 
 
 def _texts(name: str, array: pa.Array) -> tuple[str, pa.Array, dict[str, str]]:

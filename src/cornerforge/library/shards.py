@@ -340,7 +340,10 @@ def _where(content: pa.Buffer) -> str | None:
             file.read(columns=[name])
         except (pa.ArrowException, OSError, ValueError):
             return f'has been changed: its column "{name}" cannot be read'
-    return None if checks is None else checks.fault(file.read())
+    try:
+        return None if checks is None else checks.fault(file.read())
+    except (pa.ArrowException, OSError, ValueError):  # each column can be read, but they do not fit together
+        return "has been changed: its columns are not of one length"
 
 
 def _with_partner(table: pa.Table) -> pa.Table:

@@ -355,6 +355,8 @@ def experiment(
     budget = check_budget(budget, bounded=bounded)
     known = ("nde", "idm", *(name for name in ADVERSARIES if name not in ("nobody", "policy")))
     names = [str(name) for name in ([bv] if isinstance(bv, (str, Path)) else bv)]
+    if not names:
+        raise InputError("bv names nothing; give an adversary, a policy file, or a list of policy files.")
     policies: tuple[Policy, ...] = ()
     if policy is not None:
         policies = (policy,) if isinstance(policy, Policy) else tuple(policy)
