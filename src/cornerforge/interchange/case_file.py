@@ -234,6 +234,7 @@ def read_case_file(path: Path | str) -> CaseFile:
 def is_case_file(path: Path) -> bool:
     """Is this a case file by its field `format`? One that is damaged or cannot be read is still taken for one."""
     try:
+        check_regular(path)
         with path.open("rb") as file:
             content = file.read(MOST_BYTES + 1)
         found = json.loads(content)
