@@ -88,7 +88,12 @@ MANIFEST_FIELDS: tuple[Field, ...] = (
     Field(
         "run", "object", "", "What names the run: texts, numbers, true, false or nothing by name, with a whole `seed`."
     ),
-    Field("odd", "object", "", "Road and rules: the fields of `cornerforge.Odd`; what is left out does not occur."),
+    Field(
+        "odd",
+        "object",
+        "",
+        "Road and rules: the fields of `cornerforge.Odd`; what came after version 0.1 may be left out.",
+    ),
     Field("extra", "object", "", "Own columns of the library, type by name; null: no case yet."),
     Field("shards", "list of object", "", "The shards, ascending by test."),
     Field("next_test", "int64", "", "All tests below it are done.", _COUNT),

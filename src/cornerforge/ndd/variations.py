@@ -23,6 +23,7 @@ from cornerforge.ndd.lane_change import LaneChange
 from cornerforge.ndd.laws import LogLaw
 from cornerforge.ndd.model import NddModel
 from cornerforge.ndd.prior import SafeLaw, following_prior
+from cornerforge.ndd.show import counted_states
 
 __all__ = ["PARTS", "Variation", "counted_decisions", "section", "varied_model"]
 
@@ -108,11 +109,10 @@ def counted_decisions(model: NddModel) -> Floats:
 
     Raises:
         InputError: The model does not say it.
+        FileFormatError: It says something else than counts of states.
     """
-    counted = section(model, "counted")
-    n = np.zeros(model.following.shape[:-1])
-    n.reshape(-1)[np.array(counted["state"], dtype=np.int64)] = counted["decisions"]
-    return n
+    section(model, "counted")  # it must be there
+    return np.asarray(counted_states(model), dtype=np.float64)
 
 
 def _changed(before: Any, variations: Sequence[Variation]) -> Any:

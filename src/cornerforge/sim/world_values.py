@@ -57,7 +57,7 @@ def world_fault(world: World) -> str | None:
     """
     slots, pairs = world.vehicles.size, world.pair_a.size
     slot, no_slot = (0, slots - 1), (NO_VEHICLE, slots - 1)
-    of_this_size = {
+    within = _WITHIN | {
         **{f"state.{name}": (0, slots) for name in ("n_vehicles", "n_current", "n_seen")},
         **{f"state.{name}": no_slot for name in ("controlled", "slot_a", "slot_b")},
         "state.n_pairs": (0, pairs),
@@ -82,7 +82,7 @@ def world_fault(world: World) -> str | None:
         for field in array.dtype.names or ("",):
             place = f"{name}.{field}" if field else name
             values = array[field] if field else array
-            low, high = (_WITHIN | of_this_size).get(place, _REAL if values.dtype.kind == "f" else _COUNT)
+            low, high = within.get(place, _REAL if values.dtype.kind == "f" else _COUNT)
             wrong = np.argwhere(~((values >= low) & (values <= high)))
             if wrong.size:
                 at = tuple(wrong[0].tolist())
