@@ -93,7 +93,7 @@ class Kind:
         if "*" in door.free or any(fnmatch(recipe["file"], one) for one in door.unread):
             return False
         if not recipe.get("sealed", True):
-            return True
+            return could_notice(recipe)
         free = any(fnmatch(name, one) for name in (where, place) for one in (*door.free, *self.free))
         return could_notice(recipe) and not free
 

@@ -468,7 +468,12 @@ def test_what_the_page_shows_of_a_result_are_its_fields(shown: type, whole: tupl
 
 @pytest.mark.parametrize(
     ("column", "value", "message"),
-    [("group", "most", "group"), ("pc1", float("nan"), "pc1"), ("case_id", None, "case_id")],
+    [
+        ("group", "most", "group"),
+        ("pc1", float("nan"), "pc1"),
+        ("case_id", None, "case_id"),
+        ("case_id", "0", "case_id"),
+    ],
 )
 def test_a_wrong_point_is_named(run_folder: Path, column: str, value: object, message: str) -> None:
     file = run_folder / "analysis" / "points.parquet"

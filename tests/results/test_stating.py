@@ -42,7 +42,7 @@ RATE = Rate(
 def test_every_field_says_its_unit_and_meaning(kind: type) -> None:
     assert kind.__doc__
     for one in dataclasses.fields(kind):
-        assert set(one.metadata) - {"within", "each"} == {"unit", "meaning"}, one.name
+        assert set(one.metadata) - {"within", "each", "or_empty"} == {"unit", "meaning"}, one.name
         assert "within" not in one.metadata or "0 to 1" in one.metadata["meaning"], one.name
         assert one.metadata["meaning"].endswith("."), one.name
         assert "|" not in one.metadata["meaning"] + one.metadata["unit"], f"{one.name} would break the table"

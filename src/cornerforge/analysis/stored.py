@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -34,6 +35,7 @@ POINTS_FILE = "points.parquet"
 WITNESSES_FILE = "witnesses.parquet"
 """Name of the table with the ways out of the cases that were looked at."""
 
+_CASE_ID = re.compile(r"[0-9]+:[0-9]+")
 _PLANE = (-1e9, 1e9)
 POINT_COLUMNS: tuple[Field, ...] = (
     Field("case_id", "string", "", "Name of the case, seed:test."),
@@ -69,7 +71,16 @@ def _there_with(column: str) -> Callable[[Mapping[str, Any], Any], NDArray[np.bo
     return lambda v, _: (v[column].sizes > 0) == np.isfinite(v["latest_any_s"].astype(np.float64))
 
 
+def _named(v: Mapping[str, Any], _: Any) -> NDArray[np.bool_]:
+    ids = v["case_id"].astype(np.str_)
+    _, first = np.unique(ids, return_index=True)
+    is_first = np.zeros(ids.size, np.bool_)
+    is_first[first] = True
+    return is_first & np.array([_CASE_ID.fullmatch(one) is not None for one in ids.tolist()], np.bool_)
+
+
 _RELATIONS: tuple[Relation, ...] = (
+    Relation("case_id", "seed:test, of one row only", (), _named),
     _one_of("group", ("majority", "minority")),
     _one_of("crash_type", tuple(CRASH_TYPES.values())),
     _one_of("fault", FAULTS),

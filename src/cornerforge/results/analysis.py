@@ -319,3 +319,24 @@ class Analysed:
             'What comes first: "road", what happens most; "attack", most valued. Missing in files of earlier versions.'
         ),
     )
+
+    def mismatch(self) -> tuple[str, str] | None:
+        """Name the field that cannot be beside the others, and say why; None where all fit."""
+        if set(self.features) != set(self.loadings):
+            return "features", "are not those of loadings"
+        for name, loading in self.loadings.items():
+            if len(loading) != len(self.explained_variance):
+                return (
+                    f"loadings.{name}",
+                    f"has not one number for each of the {len(self.explained_variance)} components",
+                )
+        parts = {
+            "majority + minority": self.majority + self.minority,
+            "clusters": sum(one.size for one in self.clusters),
+            "crash_types": sum(self.crash_types.values()),
+            "striker": sum(self.striker.values()),
+        }
+        for name, there in parts.items():
+            if there != self.cases:
+                return name, f"makes {there} cases, not the {self.cases} of cases"
+        return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from cornerforge.results.analysis import CrashType
 from cornerforge.results.rates import INTERVAL95, PER_TEST, TESTS, Interval, Rate
@@ -18,6 +19,7 @@ _AV_FAULTS = meant("Tests left out, because an AV from outside raised, hung or g
 _BV_CRASHES = meant("Crashes between two BVs; they are taken off the road, and the test goes on.")
 _SECONDS = meant("Wall-clock of the work, without loading and compiling.", "s")
 _LIBRARY = meant("Folder of the case library.")
+Percent = Literal["1", "5", "25", "50", "75", "95", "99"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,8 +30,8 @@ class Quantity:
     n: int = field(metadata=meant("Values counted."))
     mean: float | None = field(metadata=meant("Mean; null: n is 0.", "`unit`"))
     sd: float | None = field(metadata=meant("Standard deviation; null: n is 0.", "`unit`"))
-    quantiles: dict[str, float] = field(
-        metadata=meant("By percent: 1, 5, 25, 50, 75, 95, 99; empty where n is 0.", "`unit`")
+    quantiles: dict[Percent, float] = field(
+        metadata=each("By percent: 1, 5, 25, 50, 75, 95, 99; empty where n is 0.", "`unit`", or_empty=True)
     )
 
 

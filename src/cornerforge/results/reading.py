@@ -104,11 +104,19 @@ class _Reading:
                 found[one.name] = self.value(hints[one.name], value, key)
                 self.check_range(one.metadata.get("within"), value, key)
                 self.check_interval(one.name, value, key)
-                if one.metadata.get("each"):
+                if one.metadata.get("each") and (value or not one.metadata["or_empty"]):
                     self.check_names(hints[one.name], value, key)
             elif one.default is MISSING:
                 raise self.fault(key, "is missing")
-        return kind(**found)
+        made = kind(**found)
+        self.check_whole(made, prefix)
+        return made
+
+    def check_whole(self, made: Any, prefix: str) -> None:
+        """Check what a result that has a `mismatch` says of its fields together."""
+        told = made.mismatch() if self.is_file and hasattr(made, "mismatch") else None
+        if told is not None:
+            raise self.fault(prefix + told[0], told[1])
 
     def check_range(self, within: tuple[float, float] | None, value: Any, key: str) -> None:
         if self.is_file and within is not None and value is not None and not within[0] <= value <= within[1]:
