@@ -278,7 +278,7 @@ CONTROL = Kind(
 # --- The kinds ---
 
 _ONE = "--threads 1 --json"
-_SURPLUS = "*/manifest.json json.add surplus"
+_SURPLUS = "*/manifest.json json.add *surplus"
 """A manifest that is written again, without what it does not know."""
 _LICENCE = ("lib/model.npz place.*",)
 """The model tells the licence, if it is there."""

@@ -108,6 +108,21 @@ def test_highd_without_its_meta_files_has_the_same_road(tmp_path: Path) -> None:
         assert (traffic.kind == CAR).all()
 
 
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "names no vehicle; a row with id and class is needed for each"),
+        ("id,class\n1,Car\n2,\n", "has no class, line 3"),
+        ("number,class\n1,Car\n", "has no id, line 2"),
+    ],
+)
+def test_highd_classes_that_are_none_are_refused(content: str, message: str, tmp_path: Path) -> None:
+    path = highd_files(tmp_path, motorway(), [])
+    (tmp_path / "01_tracksMeta.csv").write_text(content, encoding="utf-8")
+    with pytest.raises(DataError, match=f"01_tracksMeta.csv {message}"):
+        read_traffic([path])
+
+
 def test_a_change_to_the_left_is_one(tmp_path: Path) -> None:
     traffic = one(ngsim_file(tmp_path / "a.csv", motorway()))
     rows = rows_of(traffic, 6)

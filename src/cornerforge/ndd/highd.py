@@ -88,12 +88,19 @@ def read_classes(tracks: Path) -> dict[str, str]:
     """Read the class of each vehicle, in small letters, from `XX_tracksMeta.csv` beside a tracks file; {} without it.
 
     Raises:
-        DataError: The file cannot be read, or there are two.
+        DataError: The file cannot be read, names no vehicle, or not the class of one, or there are two.
     """
     path = _beside(tracks, "tracksMeta")
     if path is None:
         return {}
-    return {str(row.get("id")).strip(): str(row.get("class")).strip().lower() for row in _read_rows(path)}
+    rows = _read_rows(path)
+    if not rows:
+        raise DataError(f"Tracks meta file {path} names no vehicle; a row with id and class is needed for each.")
+    for line, row in enumerate(rows, 2):
+        for name in ("id", "class"):
+            if not (row.get(name) or "").strip():
+                raise DataError(f"Tracks meta file {path} has no {name}, line {line}; remove the file to read without.")
+    return {row["id"].strip(): row["class"].strip().lower() for row in rows}
 
 
 def _beside(tracks: Path, what: str) -> Path | None:
@@ -116,7 +123,7 @@ def _read_rows(path: Path) -> list[dict[str, str]]:
         with opened(path, "rt", encoding="utf-8-sig", newline="") as file:
             return list(csv.DictReader(file))
     except (OSError, EOFError, zlib.error, UnicodeDecodeError, csv.Error) as error:
-        raise DataError(f"Recording meta file {path} cannot be read ({error}).") from error
+        raise DataError(f"Meta file {path} cannot be read ({error}).") from error
 
 
 def _markings(text: str | None) -> tuple[float, ...]:
