@@ -306,6 +306,7 @@ _ABOUT = (
     "*manifest.json json.drop shards.*",  # a library may have fewer
     "* table.drop bv_*",  # early libraries lack what they are
     "* table.null bv_*",
+    "* table.drop change_time_s",  # likewise
     "* table.* n_implausible",
     "*manifest.json json.drop run.*",  # early libraries name less
     "* table.drop *shortfall_nats",  # and lack these columns
@@ -313,6 +314,7 @@ _ABOUT = (
     "* table.cell *shortfall_nats",  # which may be infinite
     "* table.null min_ttc_s",  # as where it never closes in
     "* table.cell name",
+    *(f"* table.cell {name}" for name in ("at_start", "rare_action", "overlooked", "looked_away")),  # true or false
     "* table.cell trajectory_digest",  # any digits: only a replay tells
     "run.av",  # as someone named it; a name of a file may hold any character
     "run.bv",
@@ -384,6 +386,7 @@ KINDS = (
         ("run/exposure.json", "run/summary.json")),  # which it writes again
         Door("report", f"report run {_ONE}", 1,
         ("run/provenance.json * identity.*",  # it is shown as it stands
+        "run/report.html place.*",  # which it writes
         "run/analysis/analysis.json json.drop value.top.*")),  # which early analyses lack
         Door("serve", _exhibit("run"), 4,
         ("run/*analysis place.*", "run/*analysis/* place.*", "run/*provenance.json *", "run/stages*",

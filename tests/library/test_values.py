@@ -17,8 +17,10 @@ from edited_files import edit_object
 
 from cornerforge._table_checks import with_checks
 from cornerforge.errors import FileFormatError
+from cornerforge.fields import BODY
 from cornerforge.library import CaseLibrary, case_record
 from cornerforge.library.tables import ROW_GROUP
+from cornerforge.library.values import ShardFacts, cases_fault
 from cornerforge.types import ODDS, Scenario
 
 ROW = 1
@@ -134,6 +136,40 @@ def test_an_impossible_trajectory_is_refused(filled: Path, column: str, value: A
         list(library.shards())
     assert "\n" not in str(told.value)
     assert [text.split()[0] for text in library.verify()] == ["tracks-000001.parquet"]
+
+
+@pytest.mark.parametrize(
+    ("lacking", "is_early"),
+    [
+        (["length_m"], False),
+        (["kind", "change_time_s"], False),
+        (["change_time_s"], True),
+        ([one.column.name for one in BODY], True),
+    ],
+    ids=["one", "two", "early", "earlier"],
+)
+def test_only_what_early_libraries_lack_together_may_be_missing(
+    filled: Path, lacking: list[str], is_early: bool
+) -> None:
+    rewrite(filled, "tracks", lambda table: table.drop_columns(lacking))
+    library = CaseLibrary.open(filled)
+    if is_early:
+        assert library.verify() == []
+        assert sum(len(cases) for cases, _ in library.shards()) == len(library)
+        return
+    with pytest.raises(FileFormatError, match=f'tracks-000001.parquet: it lacks the column "{min(lacking)}"'):
+        list(library.shards())
+
+
+def test_a_policy_is_named_by_its_hash(filled: Path) -> None:
+    library = CaseLibrary.open(filled)
+    facts = ShardFacts(7, library.odd, 0, 99)
+    for text, fault in (
+        ("0123456789abcdef", None),
+        ("1e999", "\"policy\" of row 0 is '1e999'; it must be 16 hex digits"),
+    ):
+        table = pa.table({"policy": [text], "log_prob_policy": [0.0]})
+        assert cases_fault(table, facts) == fault
 
 
 @pytest.mark.parametrize("kind", ["cases", "tracks"])

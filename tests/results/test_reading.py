@@ -28,7 +28,7 @@ SCALARS: dict[Any, st.SearchStrategy[Any]] = {
     NoneType: st.none(),
     bool: st.booleans(),
     float: st.floats(allow_nan=False, allow_infinity=False),
-    int: st.integers(0),
+    int: st.integers(0, 2**60),  # sums of a few stay below 2^63
     str: st.text(max_size=5),
 }
 
@@ -130,6 +130,7 @@ COUNTED = {
     [
         ({"tests": -1}, '"tests" is -1, not a whole number of at least 0'),
         ({"tests": 1.5}, '"tests" is 1.5, not a whole number of at least 0'),
+        ({"tests": 2**63}, '"tests" is 9223372036854775808, not a whole number of at least 0, and below 2^63'),
         ({"tests": None}, '"tests" is missing'),
         ({"tests": True}, '"tests" is True, not a whole number of at least 0'),
         ({"miles": "far"}, "\"miles\" is 'far', not a finite number"),

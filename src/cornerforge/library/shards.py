@@ -42,7 +42,9 @@ __all__ = [
 
 
 _LATER = (*SHORTFALL, *PARTNER)
-"""Columns that early libraries lack."""
+"""Columns of cases that early libraries lack."""
+_LATER_TRACKS = tuple({body.column.name for body in BODY[first:]} for first in (0, 3))
+"""Columns of tracks that early libraries lack together; what is on rails is not so old."""
 
 
 class DamagedShardWarning(UserWarning):
@@ -283,8 +285,8 @@ class ShardReader:
                 self._last_tracks = last
             file = pq.ParquetFile(pa.BufferReader(last[1]), metadata=last[2])
             checks = TableChecks.of(file.schema_arrow)
-        missing = {field.name for field in TRACKS} - {body.column.name for body in BODY} - set(file.schema_arrow.names)
-        if missing:
+        missing = {field.name for field in TRACKS} - set(file.schema_arrow.names)
+        if missing and missing not in ([] if self._on_rails else _LATER_TRACKS):
             raise self._wrong(stored, f'it lacks the column "{min(missing)}"')
         for name, wanted in (("start", self._scripted), ("rails", self._on_rails)):
             if (name in file.schema_arrow.names) != wanted:

@@ -75,6 +75,10 @@ def _is_hex(v: Values, _: Any) -> Holds:
     return np.array([is_hex(one) for one in v["trajectory_digest"].tolist()], np.bool_)
 
 
+def _policies(v: Values, _: Any) -> Holds:
+    return np.array([is_hex(one) and len(one) == 16 for one in v["policy"].tolist()], np.bool_)
+
+
 def _known(column: str) -> Relation:
     """An acceleration of the AV is known where there are frames enough."""
     return Relation(
@@ -106,7 +110,8 @@ CASE_RELATIONS: tuple[Relation, ...] = (
     Relation("test", "ascending, within what the manifest says of the shard", (), _ascending),
     Relation("case_id", "seed:test", ("seed", "test"), _named),
     Relation("n_vehicles", "at most the slots of the road", (), lambda v, f: v["n_vehicles"] <= n_slots(f.odd)),
-    Relation("trajectory_digest", "at most 64 hex digits", (), _is_hex),
+    Relation("trajectory_digest", "1 to 64 hex digits", (), _is_hex),
+    Relation("policy", "16 hex digits", ("log_prob_policy",), _policies),
     Relation(
         "crash_time_s", "at most the time limit of a test", (), lambda v, f: v["crash_time_s"] <= f.odd.time_limit + 1.0
     ),

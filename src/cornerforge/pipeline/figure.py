@@ -17,7 +17,7 @@ from cornerforge.pictures.printing import FORMATS, check_print, print_of, width_
 from cornerforge.pictures.strip import key_moments, strip_figure
 from cornerforge.pipeline.analyse import analyse
 from cornerforge.pipeline.make_report import library_of
-from cornerforge.pipeline.output import check_new_file
+from cornerforge.pipeline.output import check_new_file, is_finished_run
 from cornerforge.pipeline.picture import way_out_of
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.report.printed import CAPTIONS, print_chart
@@ -155,7 +155,7 @@ def _charts(
     from cornerforge.report.page import charts_of
 
     found: Artefacts
-    if (place / "summary.json").exists():
+    if is_finished_run(place):
         found = read_artefacts(place)
     else:
         library = library_of(place)

@@ -9,6 +9,7 @@ from cornerforge._locks import claim_folder, claims
 from cornerforge.errors import InputError
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.pipeline.analyse import DEFAULT_LOOKS, analyse
+from cornerforge.pipeline.output import is_finished_run
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.results.whole import Reported
 
@@ -46,7 +47,7 @@ def make_report(
     from cornerforge.report import write_library_report, write_report
 
     given = Path(place)
-    if (given / "summary.json").exists():
+    if is_finished_run(given):
         claim_folder(given)
         progress("report", 0, 1)
         page = write_report(given)

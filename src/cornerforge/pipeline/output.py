@@ -31,6 +31,7 @@ __all__ = [
     "check_new_folder",
     "code_hash",
     "config_hash",
+    "is_finished_run",
     "open_output",
     "provenance",
     "read_json_file",
@@ -43,7 +44,14 @@ __all__ = [
 ]
 
 IDENTITY = "provenance.json"
+SUMMARY = "summary.json"
+"""What `run` writes last into its folder."""
 _CALL: ContextVar[Mapping[str, Any]] = ContextVar("call", default=MappingProxyType({}))
+
+
+def is_finished_run(folder: Path) -> bool:
+    """Say whether `run` ended in a folder; a link that leads nowhere is there, too: reading it says what is wrong."""
+    return os.path.lexists(folder / SUMMARY)
 
 
 def version() -> str:

@@ -18,6 +18,7 @@ from cornerforge.pipeline.effort import effort_and_budget
 from cornerforge.pipeline.forecast import forecast
 from cornerforge.pipeline.generate import fill_library
 from cornerforge.pipeline.output import (
+    SUMMARY,
     code_hash,
     config_hash,
     open_output,
@@ -270,7 +271,7 @@ def run(
         report=str(folder / "report.html"),
         seconds=round(time.perf_counter() - start, 3),
     )
-    write_json(folder / "summary.json", as_json(done))
+    write_json(folder / SUMMARY, as_json(done))
     made = provenance({**identity, "policy_hash": trained.policy.policy_hash}, done.seconds)
     write_json(folder / "provenance.json", {**made, "point_seconds": list(trained.point_seconds)})
     write_report(folder)

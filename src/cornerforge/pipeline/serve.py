@@ -24,7 +24,7 @@ from cornerforge.library.manifest import MANIFEST
 from cornerforge.library.natural import is_natural, natural_weights
 from cornerforge.pipeline.beside import analysis_beside, own_folder
 from cornerforge.pipeline.export import EXPORTS, CaseWriter, has_rerun
-from cornerforge.pipeline.output import read_json_file
+from cornerforge.pipeline.output import SUMMARY, is_finished_run, read_json_file
 from cornerforge.results.whole import Served
 
 if TYPE_CHECKING:
@@ -170,10 +170,9 @@ def _absent(place: Path) -> list[str]:
     if (place / MANIFEST).exists():
         return []
     wanted: list[tuple[Path, ...]] = [(place / "library",)] if (place / "library").exists() else []
-    summary = place / "summary.json"
-    if summary.exists():
+    if is_finished_run(place):
         try:
-            said = read_json_file(summary)
+            said = read_json_file(place / SUMMARY)
         except FileFormatError as error:
             return [str(error)]
         wanted = [(place / "library",)]

@@ -30,7 +30,7 @@ from cornerforge.pipeline.analyse import analyse
 from cornerforge.pipeline.counting import CHUNK, check_not_all_spoiled, rate_summary, simulate_experiment
 from cornerforge.pipeline.forecast import pace_text, seconds_of
 from cornerforge.pipeline.generate import fill_library, library_summary
-from cornerforge.pipeline.output import code_hash, config_hash, open_output, provenance, version, write_json
+from cornerforge.pipeline.output import SUMMARY, code_hash, config_hash, open_output, provenance, version, write_json
 from cornerforge.pipeline.plain import PlainTests
 from cornerforge.pipeline.progress import Progress, moving
 from cornerforge.pipeline.rate import PLAIN_TESTS, rate
@@ -501,7 +501,7 @@ def spend(
         seconds=round(time.perf_counter() - start, 3),
         spending=spending,
     )
-    write_json(folder / "summary.json", as_json(done))
+    write_json(folder / SUMMARY, as_json(done))
     made = provenance({**identity, "policy_hash": trained.policy.policy_hash}, done.seconds)
     write_json(folder / "provenance.json", {**made, "point_seconds": list(trained.point_seconds)})
     from cornerforge.report import write_report

@@ -62,6 +62,8 @@ _BLOCK_FIELDS = {
     "answers": ("float64", 3), "asked": ("int64", 0), "strayed": ("int64", 0),
 }  # fmt: skip
 """Type and number of axes of each array of a block."""
+_MOST_WEIGHT = 1e9
+"""A tree's weight has the mean of a chance; far from it, but not as far as this, roulette may take it."""
 _OF_CRASHES = ("root", "begun", "actions", "answers")
 
 
@@ -456,6 +458,8 @@ def _block_fault(block: Mapping[str, NDArray[Any]]) -> str | None:
         array = block[name]
         if array.dtype != kind or array.ndim != axes:
             return f"{name} is {array.dtype} with {array.ndim} axes; it must be {kind} with {axes}"
+        if name == "weight" and (array > _MOST_WEIGHT).any():
+            return f"weight holds {array.max():g}; it must be at most {_MOST_WEIGHT:g}"
         if name != "answers" and not (np.isfinite(array).all() and (array >= (-1 if name == "actions" else 0)).all()):
             return f"{name} holds a number below its least, or one that is not finite"
     if len({block[name].shape[0] for name in _OF_CRASHES}) > 1:

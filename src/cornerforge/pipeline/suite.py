@@ -261,6 +261,8 @@ def _driven(
     failures = not_again = 0
     for place, (cases, maker) in enumerate(zip(sources, makers, strict=True)):
         ids = cases.scalars(["case_id"])["case_id"].to_pylist()
+        if not ids:
+            raise InputError(f"No shard of {cases.path} can be read; generate the library again.")
         runs = [run_with(cases, options, name) for name in names]
         # The AV that made the library drives last, unless the zoo has it.
         made_by = names.index(maker.av.name) if maker.av.name in names else len(names)

@@ -17,7 +17,7 @@ __all__ = ["JsonFile", "from_json", "open_json"]
 
 T = TypeVar("T")
 
-_WHOLE = "a whole number of at least 0"
+_WHOLE = "a whole number of at least 0, and below 2^63"
 
 
 def from_json(kind: type[T], content: Mapping[str, Any], *, stored: bool = False) -> T:
@@ -180,7 +180,7 @@ class _Reading:
         checks = {
             str: (isinstance(value, str), "a text"),
             bool: (isinstance(value, bool), "true or false"),
-            int: (is_number and isinstance(value, int) and (value >= 0 or not self.is_file), _WHOLE),
+            int: (is_number and isinstance(value, int) and (0 <= value < 1 << 63 or not self.is_file), _WHOLE),
             float: (is_number and (abs(value) <= float_info.max or not self.is_file), "a finite number"),
         }
         if get_origin(kind) is Literal:
