@@ -280,7 +280,7 @@ CONTROL = Kind(
 _ONE = "--threads 1 --json"
 _SURPLUS = "*/manifest.json json.add *surplus"
 """A manifest that is written again, without what it does not know."""
-_LICENCE = ("lib/model.npz place.*",)
+_LICENCE = ("*/model.npz place.missing",)
 """The model tells the licence, if it is there."""
 _LIBRARY_DOORS = (
     Door("read", _library(), 60, unread=("lib/provenance.json", "lib/model.npz")),
@@ -357,7 +357,7 @@ KINDS = (
         Door("replay", "replay imported/library all --check --json", 2),
         Door("analyse", f"analyse imported/library --out an {_ONE}", 2),
         Door("retest", f"retest imported/library --av idm-mobil {_ONE}", 1),
-        Door("openscenario", "export imported/library all --to openscenario --out x --json", 1),
+        Door("openscenario", "export imported/library all --to openscenario --out x --json", 1, _LICENCE),
     ), 80, _ABOUT),
     Kind("analysis", "folders", "analysed", ("lib-analysis", "lib-analysis/*", "lib-notes.json"), (
         # Early analyses have fewer columns; within its range a value may be.
@@ -382,7 +382,8 @@ KINDS = (
     ), 14, _ABOUT),
     Kind("run folder", "folders", "run", ("run", "run/*", "run/*/*"), (
         Door("resume", f"run --effort quick --seed 2 --av flawed-not-behind --out run --resume {_ONE}", 0.4,
-        ("* place.missing", "* place.dangling", "run/library place.folder", _SURPLUS),
+        ("* place.missing", "* place.dangling", "run place.folder", "run/library place.folder",
+        "run/*analysis place.folder", _SURPLUS),
         ("run/exposure.json", "run/summary.json")),  # which it writes again
         Door("report", f"report run {_ONE}", 1,
         ("run/provenance.json * identity.*",  # it is shown as it stands

@@ -14,6 +14,7 @@ from cornerforge.library import CaseLibrary
 from cornerforge.results import Simulated
 from cornerforge.results.driving import Quantity
 from cornerforge.sim import runner
+from cornerforge.sim.statistics import TTC_LIMITS
 
 QUANTILES = ["1", "5", "25", "50", "75", "95", "99"]
 
@@ -68,6 +69,7 @@ def test_statistics_have_the_promised_shape() -> None:
         assert list(quantiles) == QUANTILES
         assert list(quantiles.values()) == sorted(quantiles.values())
         assert quantiles["1"] <= quantity.mean <= quantiles["99"]
+    assert list(found.ttc_share_below) == [f"{limit:g}" for limit in TTC_LIMITS]
     shares = [found.ttc_share_below[limit] for limit in ("3", "5", "10", "20")]
     below = [share for share in shares if share is not None]
     assert shares == below == sorted(below)

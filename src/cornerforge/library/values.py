@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pyarrow as pa
@@ -15,6 +15,7 @@ from cornerforge._values import Ragged, Relation, case_namer, table_fault
 from cornerforge.drivers.rails import POSE_NUMBERS
 from cornerforge.fields import BODY, CASES, HISTORY_SHAPE, SERIES, Field
 from cornerforge.library.schema import RAILS_TRACKS
+from cornerforge.results.analysis import CrashType
 from cornerforge.sim import LIMITS, START_FIELDS, n_slots
 from cornerforge.types import FRAME_S, Odd
 
@@ -47,6 +48,9 @@ class ShardFacts:
     first_test: int
     last_test: int
     cases: Mapping[str, Any] | None = None
+
+
+_CRASH_TYPES = get_args(CrashType)
 
 
 def _ascending(v: Values, facts: ShardFacts) -> Holds:
@@ -111,6 +115,10 @@ CASE_RELATIONS: tuple[Relation, ...] = (
     Relation("case_id", "seed:test", ("seed", "test"), _named),
     Relation("n_vehicles", "at most the slots of the road", (), lambda v, f: v["n_vehicles"] <= n_slots(f.odd)),
     Relation("trajectory_digest", "1 to 64 hex digits", (), _is_hex),
+    Relation(
+        "crash_type", f"one of: {', '.join(_CRASH_TYPES)}", ("mechanism",),
+        lambda v, _: np.isin(v["crash_type"].astype(np.str_), _CRASH_TYPES),
+    ),
     Relation("policy", "16 hex digits", ("log_prob_policy",), _policies),
     Relation(
         "crash_time_s", "at most the time limit of a test", (), lambda v, f: v["crash_time_s"] <= f.odd.time_limit + 1.0

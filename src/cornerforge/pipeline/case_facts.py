@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -69,7 +70,7 @@ def _fact(value: Any) -> Fact:
 
 def _licence(model: Path) -> str | None:
     """Look up what the licence of the naturalistic model's data is; None: it does not say."""
-    if not model.is_file():
+    if not os.path.lexists(model):
         return None
     said = load_model(model).provenance.get("licence")
     return None if said is None else str(said)

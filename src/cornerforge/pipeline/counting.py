@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from typing import Any, get_args
 
 from cornerforge._checks import check_integer
 from cornerforge.errors import AvFaultError
@@ -12,7 +12,7 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress, moving
 from cornerforge.pipeline.setting import Experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.results import Simulated, from_json
-from cornerforge.results.driving import Distributions, Quantity
+from cornerforge.results.driving import Distributions, Quantity, TtcLimit
 from cornerforge.results.rates import Rate
 from cornerforge.sim import Tally, simulate_chunks, statistics
 from cornerforge.types import METRES_PER_MILE
@@ -52,8 +52,8 @@ def distributions_of(counts: statistics.Counts) -> Distributions:
     return Distributions(
         **quantities,
         ttc_share_below={
-            f"{limit:g}": int(totals[statistics.TTC_BELOW + k]) / following if following else None
-            for k, limit in enumerate(statistics.TTC_LIMITS)
+            limit: int(totals[statistics.TTC_BELOW + k]) / following if following else None
+            for k, limit in enumerate(get_args(TtcLimit))
         },
         following_share=following / states if states else None,
         lane_changes_per_mile=int(totals[statistics.LANE_CHANGES]) / miles if miles else None,

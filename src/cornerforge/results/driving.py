@@ -19,6 +19,7 @@ _AV_FAULTS = meant("Tests left out, because an AV from outside raised, hung or g
 _BV_CRASHES = meant("Crashes between two BVs; they are taken off the road, and the test goes on.")
 _SECONDS = meant("Wall-clock of the work, without loading and compiling.", "s")
 _LIBRARY = meant("Folder of the case library.")
+TtcLimit = Literal["3", "4", "5", "10", "15", "20"]
 Percent = Literal["1", "5", "25", "50", "75", "95", "99"]
 
 
@@ -46,7 +47,7 @@ class Distributions:
     time_gap: Quantity = field(metadata=meant("Gap over own speed, of those that follow."))
     range_rate: Quantity = field(metadata=meant("Speed of the vehicle ahead minus the own, of those that follow."))
     acceleration: Quantity = field(metadata=meant("Acceleration that is decided; a lane change counts as 0."))
-    ttc_share_below: dict[str, float | None] = field(
+    ttc_share_below: dict[TtcLimit, float | None] = field(
         metadata=meant("Share of following states with a TTC below so many seconds; null: nobody followed.")
     )
     following_share: float | None = field(metadata=meant("Share of BVs that follow, 0 to 1; null: no BV."))
