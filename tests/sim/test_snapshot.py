@@ -33,7 +33,7 @@ LONGEST = 14
 
 
 def fresh_world(setting: Setting, test: int) -> World:
-    world = world_of(allocate_worlds(1, n_slots(Odd())))
+    world = world_of(allocate_worlds(1, n_slots(setting.road)))
     reset_world(world, SEED, test, setting)
     return world
 
@@ -44,9 +44,9 @@ def digest(out: Outcomes) -> str:
     return tally.digest.hexdigest()
 
 
-def stored(world: World) -> World:
+def stored(world: World, setting: Setting) -> World:
     """Through bytes; what was left is spoiled, so that nothing can lean on it."""
-    taken_up = unpacked(packed(world))
+    taken_up = unpacked(packed(world), setting)
     for array in world:
         array.view(np.uint8)[:] = 0xAB
     return taken_up
@@ -65,7 +65,7 @@ def test_a_test_that_was_cut_at_a_random_second_ends_as_the_uncut_one(model: Ndd
         for second in sorted(rng.integers(0, LONGEST, 2)):
             reason = advance(world, setting, allocate_scratch(slots, setting.who.policy), keep, int(second))
             cut += reason == MILESTONE
-            world = stored(world)
+            world = stored(world, setting)
         if reason != OVER:
             assert advance(world, setting, allocate_scratch(slots, setting.who.policy), keep, NEVER) == OVER
         write_outcome(world, out, test, setting.road)
@@ -89,7 +89,7 @@ def test_a_test_can_be_left_within_a_second_too(model: NddModel) -> None:
             scratch, keep = allocate_scratch(slots, setting.who.policy), keep_nothing(slots)
             while advance(world, setting, scratch, keep, NEVER) == AV_MUST_ANSWER:
                 if store and k % 3 == 1:
-                    world, scratch = stored(world), allocate_scratch(slots, setting.who.policy)
+                    world, scratch = stored(world, setting), allocate_scratch(slots, setting.who.policy)
                 side = int(answers[1][k]) if abs(answers[1][k]) <= 1 else 0
                 answer_as_av(world, answers[0][k], ordered_lane(world, 0, side, setting.road))
                 k += 1
@@ -221,6 +221,15 @@ def test_a_value_that_no_world_has_is_refused(model: NddModel, place: str, value
     values[(0,) * values.ndim] = value
     with pytest.raises(FileFormatError, match=rf"damaged: {place}.* is .*; it must be "):
         unpacked(packed(world))
+
+
+def test_a_lane_that_the_road_lacks_is_refused_where_the_road_is_known(model: NddModel) -> None:
+    setting = DRIVERS[0].setting(model, Odd(n_lanes=2), "idm-mobil")
+    world = fresh_world(setting, 0)
+    world.vehicles["target_lane"][1] = 2
+    assert packed(unpacked(packed(world))) == packed(world)
+    with pytest.raises(FileFormatError, match=r"damaged: vehicles.target_lane\[1\] is 2; it must be 0 to 1"):
+        unpacked(packed(world), setting)
 
 
 def test_a_world_of_another_road_is_refused_where_it_is_driven_on(model: NddModel) -> None:

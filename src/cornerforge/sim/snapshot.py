@@ -77,14 +77,14 @@ def unpacked(content: bytes, setting: Setting | None = None) -> World:
     for array in world:
         array[...] = np.frombuffer(rest, dtype=array.dtype, count=array.size, offset=place)
         place += array.nbytes
-    fault = world_fault(world)
-    if fault is not None:
-        raise FileFormatError(f"This stored world is damaged: {fault}. Drive its test again.")
     if setting is not None and world.vehicles.size != n_slots(setting.road):
         raise InputError(
             f"This stored world has {world.vehicles.size} vehicle slots, the setting's road of {setting.road.n_lanes} "
             f"lanes has {n_slots(setting.road)}: drive it on in the ODD that it was stored in."
         )
+    fault = world_fault(world) if setting is None else world_fault(world, setting.road.n_lanes)
+    if fault is not None:
+        raise FileFormatError(f"This stored world is damaged: {fault}. Drive its test again.")
     return world
 
 

@@ -12,14 +12,10 @@ __all__ = ["world_fault"]
 
 _REAL = (-1e6, 1e6)
 _COUNT = (0, 2**63 - 1)
-_LANE = (0, MAX_LANES - 1)
-_LANE_BITS = (0, 2**MAX_LANES - 1)
 _YES_OR_NO = (0, 1)
 _ACTION = (NO_ACTION, N_ACTIONS - 1)
 _TENTHS = (0, 10**6)
 _WITHIN: dict[str, tuple[float, float]] = {
-    "vehicles.target_lane": _LANE,
-    "vehicles.lanes": _LANE_BITS,
     "vehicles.present": _YES_OR_NO,
     "vehicles.action": _ACTION,
     "vehicles.length": SIZES,
@@ -39,25 +35,26 @@ _WITHIN: dict[str, tuple[float, float]] = {
     "state.av_has_answered": _YES_OR_NO,
     "state.bv_has_answered": _YES_OR_NO,
     "state.av_steers": _YES_OR_NO,
-    "state.av_lane": _LANE,
     "state.bv_action": _ACTION,
     "state.travel": (0, 1e9),
     "state.av_alarmed": _TENTHS,
-    "seen.lanes": _LANE_BITS,
     "seen.as_what": (0, 2),
 }
 """By array and field; what is not named, a real number within a thousand kilometres, or a number of things."""
 
 
-def world_fault(world: World) -> str | None:
+def world_fault(world: World, n_lanes: int = MAX_LANES) -> str | None:
     """Say the first value of a world that none can have, or None; what is not in use may be anything.
 
     Args:
         world: One world, not a batch.
+        n_lanes: Lanes of its road, 1 to `MAX_LANES`; where that is not known, the most.
     """
     slots, pairs = world.vehicles.size, world.pair_a.size
     slot, no_slot = (0, slots - 1), (NO_VEHICLE, slots - 1)
     within = _WITHIN | {
+        **dict.fromkeys(("vehicles.target_lane", "state.av_lane"), (0, n_lanes - 1)),
+        **dict.fromkeys(("vehicles.lanes", "seen.lanes"), (0, 2**n_lanes - 1)),
         **{f"state.{name}": (0, slots) for name in ("n_vehicles", "n_current", "n_seen")},
         **{f"state.{name}": no_slot for name in ("controlled", "slot_a", "slot_b")},
         "state.n_pairs": (0, pairs),
