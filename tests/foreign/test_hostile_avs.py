@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import signal
@@ -61,6 +62,18 @@ def test_what_does_no_harm_costs_no_test(here: Path, name: str) -> None:
         assert (here / "alive").read_text().split() != []
     kept = process.log.named()
     assert kept is None or not kept.exists() or kept.stat().st_size <= 10_000_000
+
+
+@needs_proc
+def test_its_processes_end_with_the_call_and_not_when_memory_is_tidied(here: Path) -> None:
+    (here / "hostile.py").write_text(module(HARMLESS["children"], "import"), encoding="utf-8")
+    gc.disable()
+    try:
+        cornerforge.simulate(tests=4, av="hostile:Av")
+        assert (here / "alive").read_text().split() != []
+        assert left_behind(here) == []
+    finally:
+        gc.enable()
 
 
 @needs_proc

@@ -325,13 +325,15 @@ class Judge:
                 return Outcome("lines", f"a long line: {said[0][:200]}")
             if said[0].removeprefix("cornerforge: ").startswith("[Errno"):
                 return Outcome("lines", f"raw: {said[0][:200]}")
-            # A folder that says what it is may be gone on with; whatever else a refused command leaves is half made.
+            # A folder that says what it is may be gone on with; whatever else a refused command leaves is half made,
+            # but for `alive`, which a hostile AV writes.
             homes = {
                 str(Path(name).parent) for name in run.files if Path(name).name in ("provenance.json", "manifest.json")
             }
             half = [
                 name for name, content in run.files.items()
-                if content != "folder" and not any(home == "." or name.startswith(home) for home in homes)
+                if content != "folder" and name != "alive"
+                and not any(home == "." or name.startswith(home) for home in homes)
             ]  # fmt: skip
             if half:
                 return Outcome("partial", f"refused, but left {' '.join(half[:3])}: {run.words[:150]}")

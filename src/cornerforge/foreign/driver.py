@@ -94,6 +94,39 @@ class _SpoiledError(Exception):
         self.suspects, self.left, self.certain = suspects, left, certain
 
 
+class _Starter:
+    """Starts processes of one AV; it does not know the driver whose sessions it makes, so both end when that one does.
+
+    Args:
+        confines: In what they run.
+        log: Where what they print is kept.
+
+    Attributes:
+        about: What the AV's first process said of it; None: there was none yet.
+    """
+
+    def __init__(self, confines: Confines, log: AvLog) -> None:
+        self._confines, self._log = confines, log
+        self.about: dict[str, str] | None = None
+
+    def __call__(self, spec: str, *, timeout: float, first_timeout: float, pace: Pace) -> AvProcess:
+        """Start a process of the AV.
+
+        Raises:
+            AvFaultError: It is another AV than before.
+        """
+        process = AvProcess(
+            spec, timeout=timeout, first_timeout=first_timeout, pace=pace, confines=self._confines, log=self._log
+        )
+        if self.about is not None and process.about != self.about:
+            process.close()
+            raise AvFaultError(
+                f"The AV {spec} is not the one that drove before: it was {_some(self.about)}, it is "
+                f"{_some(process.about)}. Leave its files alone while it drives, and begin anew."
+            )
+        return process
+
+
 class ForeignAv:
     """A foreign AV, ready to drive tests; an instance is a `DriveChunk` (see `sim.runner`).
 
@@ -154,12 +187,11 @@ class ForeignAv:
         self._keeps_scripts = False
         self._scripts: OrderedDict[tuple[int, int], NDArray[np.float64]] = OrderedDict()
         self.log = AvLog()
-        self._confines = confines
         note_use(self, spec, confines)
-        self._about: dict[str, str] | None = None
+        self._start = _Starter(confines, self.log)
         self._closer = f"cornerforge check-av {shlex.quote(spec)}{confines.options()}"
-        first = AvSession(spec, self._context, self._road, self.pace, self._started)
-        about = self._about = first.process().about
+        first = AvSession(spec, self._context, self._road, self.pace, self._start)
+        about = self._start.about = first.process().about
         self.kind, self.hash, self.controller = about["kind"], about["hash"], controller_of(about["form"])
         if batch is None:
             batch = choose_batch(lambda worlds: self._seconds(first, worlds))
@@ -201,23 +233,6 @@ class ForeignAv:
                 f"The AV {self.spec} {failure} at its first question; look closer with: {self.closer()}"
             ) from failure
 
-    def _started(self, spec: str, *, timeout: float, first_timeout: float, pace: Pace) -> AvProcess:
-        """Start a process of the AV.
-
-        Raises:
-            AvFaultError: It is another AV than before.
-        """
-        process = AvProcess(
-            spec, timeout=timeout, first_timeout=first_timeout, pace=pace, confines=self._confines, log=self.log
-        )
-        if self._about is not None and process.about != self._about:
-            process.close()
-            raise AvFaultError(
-                f"The AV {spec} is not the one that drove before: it was {_some(self._about)}, it is "
-                f"{_some(process.about)}. Leave its files alone while it drives, and begin anew."
-            )
-        return process
-
     def closer(self) -> str:
         """Give the end of a message on a failure: the command that looks closer, and the file of what was printed."""
         return self._closer + self.log.pointer()
@@ -248,7 +263,7 @@ class ForeignAv:
 
     def new_session(self, batch: int) -> AvSession:
         """Make a session of the caller's own, with so many worlds side by side; the caller drops it."""
-        return AvSession(self.spec, replace(self._context, batch=batch), self._road, self.pace, self._started)
+        return AvSession(self.spec, replace(self._context, batch=batch), self._road, self.pace, self._start)
 
     def range_size(self, usual: int, setting: Setting, tests: int, processes: int) -> int:
         """Say how many of so many tests one process drives in a row (`Pace.range_size`)."""
