@@ -304,6 +304,7 @@ _ABOUT = (
     "identity.surplus",
     "run.cornerforge",
     "*manifest.json json.drop shards.*",  # a library may have fewer
+    "*manifest.json json.set shards",  # or none
     "* table.drop bv_*",  # early libraries lack what they are
     "* table.null bv_*",
     "* table.drop change_time_s",  # likewise
