@@ -39,7 +39,11 @@ refused, but not in one readable line. survivor: a process that it started lives
 FAILURES = ("silent", "traceback", "hang", "memory", "partial", "lines", "survivor")
 _BY_NAME = {kind.name: kind for kind in (*KINDS, CONTROL)}
 _LONGEST_LINE = 3000
-_TIMES_SHOWN = re.compile(rb">(written|[\w.]*second[\w.]*)</th><td[^>]*>[^<]*<")
+_TIMES = (
+    "written", "seconds", "cpu_seconds", "point_seconds", "world_steps_per_second", "tests_per_second", "sha256",
+)  # fmt: skip
+"""Keys whose values differ from run to run, and the checksums over them."""
+_TIMES_SHOWN = re.compile(rb">(written|seconds)</th><td[^>]*>[^<]*<")
 """The same on a page."""
 _MEMORY = 2 * 2**30
 """More memory than this for one small input is a fault [bytes]."""
@@ -106,16 +110,11 @@ def _content(path: Path) -> Any:
         with contextlib.suppress(ValueError, RecursionError):
             found = json.loads(content)
             return (
-                {key: value for key, value in found.items() if not _differs(key)} if isinstance(found, dict) else found
+                {key: value for key, value in found.items() if key not in _TIMES} if isinstance(found, dict) else found
             )
     if path.suffix == ".html":
         content = _TIMES_SHOWN.sub(b"", content)
     return hashlib.sha256(content).hexdigest()
-
-
-def _differs(key: str) -> bool:
-    """Tell whether a key's value differs from run to run: times, speeds, and checksums over them."""
-    return key in ("written", "sha256") or "second" in key
 
 
 def _masked(answer: Any, other: Any) -> Any:
@@ -132,7 +131,7 @@ def _like(mask: Any, answer: Any) -> Any:
     if mask == "@differs":
         return mask
     if isinstance(mask, dict) and isinstance(answer, dict):
-        return {key: _like(mask.get(key), value) for key, value in answer.items() if not _differs(key)}
+        return {key: _like(mask.get(key), value) for key, value in answer.items() if key not in _TIMES}
     if isinstance(mask, list) and isinstance(answer, list) and len(mask) == len(answer):
         return [_like(a, b) for a, b in zip(mask, answer, strict=True)]
     return answer

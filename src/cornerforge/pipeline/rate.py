@@ -128,6 +128,7 @@ def rate(
             write_json(folder / "rate.json", as_json(summary))
     if folder is not None:
         write_json(folder / "provenance.json", provenance(identity, summary.seconds))
+    run.rest()  # importing torch may keep this frame, and what it holds, until memory is tidied
     return summary
 
 

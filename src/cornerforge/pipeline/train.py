@@ -228,6 +228,7 @@ def evaluate(
     check_not_all_spoiled(run, tally.tests, tests)
     strikes, avoidable = judge(run, seed, crashed, reward_numbers("avoidable", delay_s), check_threads(threads))
     counted = count_paid(run, seed, crashed, reward, check_threads(threads))
+    run.rest()  # importing torch may keep frames, and what they hold, until memory is tidied
     return yield_of(len(crashed), tally.tests, tally.miles, int(strikes.sum()), int(avoidable.sum()), **counted)
 
 
