@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import re
+import stat
 from pathlib import Path
 
 import pytest
 
 import cornerforge
-from cornerforge._files import part_of, write_bytes, writing
+from cornerforge._files import append, below, is_part_of, remove_parts, write_bytes, writing
 from cornerforge.errors import OutputError
 
 PACKAGE = Path(cornerforge.__file__).parent
@@ -41,7 +43,62 @@ def test_what_fails_leaves_the_old_file_and_no_part(kind: BaseException, tmp_pat
     if expected is OutputError:
         assert str(caught.value).startswith(f"Cannot write the page {path}: No space left on device; make room")
     assert path.read_text(encoding="utf-8") == "old"
-    assert not part_of(path).exists()
+    assert [file.name for file in tmp_path.iterdir()] == ["b.txt"]
+
+
+def test_a_part_is_new_and_its_name_cannot_be_foreseen(tmp_path: Path) -> None:
+    path, names = tmp_path / "b.txt", set()
+    for _ in range(3):
+        with writing(path) as part:
+            assert is_part_of(part.name, path)
+            assert stat.S_ISREG(part.lstat().st_mode)
+            names.add(part.name)
+    assert len(names) == 3
+
+
+def test_parts_of_dead_processes_go_and_those_of_living_ones_stay(tmp_path: Path) -> None:
+    path, other = tmp_path / "b.txt", tmp_path / "other"
+    other.write_text("mine", encoding="utf-8")
+    (tmp_path / ".b.txt.01234567.part").write_text("half", encoding="utf-8")
+    (tmp_path / ".b.txt.89abcdef.part").symlink_to(other)
+    with writing(path) as living:
+        living.write_text("alive", encoding="utf-8")
+        remove_parts(path)
+        assert {file.name for file in tmp_path.iterdir()} == {living.name, ".b.txt.89abcdef.part", "other"}
+    assert path.read_text(encoding="utf-8") == "alive"
+    assert other.read_text(encoding="utf-8") == "mine"
+
+
+def test_a_link_in_the_files_place_is_replaced_and_not_followed(tmp_path: Path) -> None:
+    other, path = tmp_path / "other", tmp_path / "b.txt"
+    other.write_text("mine", encoding="utf-8")
+    path.symlink_to(other)
+    write_bytes(path, b"new")
+    assert not path.is_symlink()
+    assert (other.read_bytes(), path.read_bytes()) == (b"mine", b"new")
+
+
+def test_below_an_output_folder_no_link_to_a_folder_is_followed(tmp_path: Path) -> None:
+    elsewhere, out = tmp_path / "elsewhere", tmp_path / "out"
+    elsewhere.mkdir()
+    out.mkdir()
+    (out / "library").symlink_to(elsewhere)
+    write_bytes(out / "library" / "a", b"named by the user")
+    with below(str(out)):
+        write_bytes(out / "b", b"")
+        with pytest.raises(OutputError, match=r"library is a link, and within an output folder none is followed"):
+            write_bytes(out / "library" / "b", b"")
+    assert [file.name for file in elsewhere.iterdir()] == ["a"]
+
+
+@pytest.mark.parametrize("link", ["symbolic", "hard"])
+def test_what_grows_in_place_is_no_link(link: str, tmp_path: Path) -> None:
+    other, log = tmp_path / "other", tmp_path / "av.log"
+    append(other, b"mine")
+    log.symlink_to(other) if link == "symbolic" else os.link(other, log)
+    with pytest.raises(OSError, match=r"av\.log"):
+        append(log, b"theirs")
+    assert other.read_bytes() == b"mine"
 
 
 def test_a_file_of_given_content_is_whole_too(tmp_path: Path) -> None:
@@ -52,7 +109,7 @@ def test_a_file_of_given_content_is_whole_too(tmp_path: Path) -> None:
 
 
 def test_files_are_written_as_parts() -> None:
-    """Whoever writes a file writes its part, which `writing` gives; only the log of what an AV prints grows.
+    """Whoever writes a file writes its part, which `writing` gives; `append` alone, for logs, writes in place.
 
     What a sandbox writes are settings of the kernel.
     """
@@ -63,7 +120,8 @@ def test_files_are_written_as_parts() -> None:
         f"{path.name}: {wrote.group()}"
         for path in PACKAGE.rglob("*.py")
         for wrote in write.finditer(path.read_text(encoding="utf-8"))
-        if "part" not in wrote.groups() and path.name not in ("av_log.py", "sandbox.py")
+        if "part" not in wrote.groups()
+        and (path.name, wrote[3]) not in (("_files.py", "number"), ("sandbox.py", "path"))
     ]
     assert found == []
 

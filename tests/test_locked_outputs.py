@@ -8,80 +8,20 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import typer
 from folder_snapshot import snapshot
+from output_places import FILE, FOLDER, OUTPUTS, stand_ins
 
 from cornerforge._locks import claim_file, claim_folder, claims
 from cornerforge.cli import app, main
 from cornerforge.cli.output import compiling_text
-from cornerforge.ndd import default_model_path
-
-FOLDER, FILE = "folder", "file"
-OUTPUTS = {
-    "run --out": (FOLDER, ""),
-    "run --hours 0.01 --out": (FOLDER, ""),
-    "reproduce --out": (FOLDER, ""),
-    "simulate --tests 10 --out": (FOLDER, ""),
-    "rate --out": (FOLDER, ""),
-    "train --out": (FILE, ".safetensors"),
-    "train-av --out": (FILE, ".safetensors"),
-    "generate --policy swerve --cases 3 --out": (FOLDER, ""),
-    "analyse LIB --out": (FOLDER, ""),
-    "migrate LIB --out": (FOLDER, ""),
-    "verify LIB --out": (FILE, ".json"),
-    "report LIB --out": (FOLDER, ""),
-    "report": (FOLDER, ""),
-    "figure LIB --out": (FOLDER, ""),
-    "figure LIB CASE --out": (FILE, ".svg"),
-    "shrink LIB CASE --out": (FOLDER, ""),
-    "replay LIB CASE --picture": (FILE, ".svg"),
-    "replay LIB CASE --video": (FILE, ".gif"),
-    "replay LIB CASE --out": (FILE, ".json"),
-    "retest LIB --av rss-cautious --junit": (FILE, ".xml"),
-    "retest LIB --av rss-cautious --sarif": (FILE, ".sarif"),
-    "retest LIB --av rss-cautious --page": (FILE, ".html"),
-    "retest LIB --av rss-cautious --out": (FILE, ".json"),
-    "suite build LIB --size 2 --out": (FOLDER, ""),
-    "r157 --family cut-in --out": (FOLDER, ""),
-    "export LIB CASE --to json --out": (FOLDER, ""),
-    "import TABLE --out": (FOLDER, ""),
-    "cases from-data TABLE --out": (FOLDER, ""),
-    "plausibility --out": (FOLDER, ""),
-    "ndd fit PAIRS --format pairs --out": (FILE, ".npz"),
-    "ndd validate MODEL --against PAIRS --format pairs --out": (FOLDER, ""),
-    "ndd show --out": (FOLDER, ""),
-    "ndd import DATA --out": (FILE, ".npz"),
-    "init my-av --out": (FILE, ".json"),
-    "serve LIB --port 0 --out": (FILE, ".json"),
-    "avs --out": (FILE, ".json"),
-    "check-av my_av:MyAv --out": (FILE, ".json"),
-    "query LIB SQL --out": (FILE, ".json"),
-    "variety LIB --out": (FILE, ".json"),
-}  # fmt: skip
-"""Command lines whose next word is the place, and what is made there."""
 
 
 @pytest.fixture(scope="module")
 def words(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """What words of `OUTPUTS` stand for."""
-    folder = tmp_path_factory.mktemp("inputs")
-    library = folder / "library"
-    assert main(["generate", "--policy", "swerve", "--cases", "3", "--out", str(library), "--quiet"]) == 0
-    rows = ["period,follower,leader,t_s,v_mps,vl_mps,gap_m,split"]
-    for f in range(12):
-        split = "test" if f % 5 == 0 else "train"
-        speed = 25 + 0.3 * np.sin(np.arange(121) / 20 + f)
-        rows += [f"1,{f},999,{0.1 * i:.1f},{v:.4f},25.0,{40 + f}.0,{split}" for i, v in enumerate(speed)]
-    (folder / "pairs.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
-    from cornerforge.library import CaseLibrary
-
-    case = CaseLibrary.open(library).scalars(["case_id"])["case_id"][0].as_py()
-    return {
-        "LIB": str(library), "CASE": case, "PAIRS": str(folder / "pairs.csv"), "TABLE": str(folder / "pairs.csv"),
-        "MODEL": str(default_model_path()), "DATA": str(folder), "SQL": "select 1 from cases",
-    }  # fmt: skip
+    return stand_ins(tmp_path_factory.mktemp("inputs"))
 
 
 @contextmanager

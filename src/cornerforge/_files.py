@@ -3,29 +3,125 @@
 Renaming is atomic for every process of the machine, so a kill leaves the old file or the new one. Nothing is fsynced:
 a kill of the process does not lose what the operating system has taken, and files that must survive a loss of power
 have checksums.
+
+A folder may come from a stranger, with links in it: a part is made new, under a name that cannot be foreseen, and a
+link in the file's own place is replaced, not followed.
 """
 
 from __future__ import annotations
 
 import errno
 import os
+import re
+import secrets
 import stat
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 
 from cornerforge.errors import OutputError
 
-__all__ = ["LARGEST", "check_regular", "part_of", "read_bytes", "real_path", "reason", "write_bytes", "writing"]
+__all__ = [
+    "LARGEST",
+    "PART",
+    "append",
+    "below",
+    "check_regular",
+    "check_way",
+    "is_part_of",
+    "read_bytes",
+    "real_path",
+    "reason",
+    "remove_parts",
+    "write_bytes",
+    "writing",
+]
 
 
-def part_of(path: Path) -> Path:
-    """Make the name under which a file is written; a part that a kill left behind is overwritten by the next try.
+PART = ".part"
+"""How the name of a file ends that is being written, or that a killed process left."""
+_ROOTS: ContextVar[frozenset[str]] = ContextVar("roots", default=frozenset())
+_NEW = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+_LOOK = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 
-    >>> part_of(Path("out/summary.json")).name
-    '.summary.json.part'
+
+def is_part_of(name: str, path: Path) -> bool:
+    """Say whether a file of this name was begun to become `path`.
+
+    >>> is_part_of(".summary.json.0f3c52b1.part", Path("out/summary.json"))
+    True
     """
-    return path.with_name(f".{path.name}.part")
+    return re.fullmatch(rf"\.{re.escape(path.name)}\.[0-9a-f]{{8}}\{PART}", name) is not None
+
+
+def remove_parts(path: Path) -> None:
+    """Remove what killed processes have begun to write of a file; parts of living processes and links stay."""
+    with suppress(FileNotFoundError):
+        for name in [name for name in os.listdir(path.parent) if is_part_of(name, path)]:
+            with suppress(OSError):
+                held = os.open(path.with_name(name), _LOOK)
+                try:
+                    if stat.S_ISREG(os.fstat(held).st_mode) and _is_held(held):
+                        path.with_name(name).unlink(missing_ok=True)
+                finally:
+                    os.close(held)
+
+
+@contextmanager
+def below(*roots: str) -> Iterator[None]:
+    """Refuse, within, to write through links that lie below these folders: who packed a folder may have laid them."""
+    token = _ROOTS.set(_ROOTS.get().union(roots))
+    try:
+        yield
+    finally:
+        _ROOTS.reset(token)
+
+
+def check_way(path: Path) -> None:
+    """Check that no folder between an output folder and a file in it is a link.
+
+    Raises:
+        OutputError: One is.
+    """
+    parents = [Path(os.path.abspath(path)).parent]
+    parents += parents[0].parents
+    for root in _ROOTS.get():
+        if Path(root) in parents:
+            for folder in parents[: parents.index(Path(root))]:
+                if folder.is_symlink():
+                    raise OutputError(
+                        f"Cannot write {path}: {folder} is a link, and within an output folder none is followed; "
+                        "remove it, or name the folder that it leads to."
+                    )
+
+
+def _is_held(number: int) -> bool | None:
+    """Lock an open part up to its closing; False: its process lives and has it, None: there are no locks here."""
+    try:
+        import fcntl
+
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except ImportError:
+        return None
+    except OSError as error:
+        return False if error.errno in (errno.EACCES, errno.EAGAIN) else None
+    return True
+
+
+def _new_part(path: Path) -> tuple[Path, int]:
+    """Make a new file beside `path`, of a name that cannot be foreseen, and hold it."""
+    while True:
+        part = path.with_name(f".{path.name}.{secrets.token_hex(4)}{PART}")
+        with suppress(FileExistsError):
+            held = os.open(part, _NEW, 0o666)
+            if _is_held(held) is None:
+                return part, held
+            with suppress(FileNotFoundError):
+                if os.path.samestat(part.lstat(), os.fstat(held)):
+                    return part, held
+            os.close(held)  # another process took it for a dead one's, before it was held
 
 
 def reason(error: OSError) -> str:
@@ -81,18 +177,28 @@ def writing(path: Path, what: str = "") -> Iterator[Path]:
     Raises:
         OutputError: The file cannot be written; nothing is left of it then.
     """
-    part = part_of(path)
+    part, held = None, None
     try:
+        check_way(path)
         path.parent.mkdir(parents=True, exist_ok=True)
+        part, held = _new_part(path)
         yield part
+        if sys.platform == "win32":  # where no open file can be renamed
+            os.close(held)
+            held = None
         os.replace(part, path)
+        remove_parts(path)
     except BaseException as error:
-        with suppress(OSError):
-            part.unlink()
+        if part is not None:
+            with suppress(OSError):
+                part.unlink()
         if isinstance(error, OSError) and not isinstance(error, OutputError):
             named = f"{what} {path}" if what else str(path)
             raise OutputError(f"Cannot write {named}: {reason(error)}; make room, or choose another place.") from error
         raise
+    finally:
+        if held is not None:
+            os.close(held)
 
 
 def write_bytes(path: Path, content: bytes | memoryview, what: str = "") -> None:
@@ -103,3 +209,18 @@ def write_bytes(path: Path, content: bytes | memoryview, what: str = "") -> None
     """
     with writing(path, what) as part:
         part.write_bytes(content)
+
+
+def append(path: Path, content: bytes) -> None:
+    """Write at the end of a regular file, which is made if it is not there.
+
+    Raises:
+        OSError: It cannot be written, is no regular file, or has other names too (links).
+    """
+    check_way(path)
+    number = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | _LOOK, 0o666)
+    with open(number, "ab") as file:
+        found = os.fstat(number)
+        if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
+            raise OSError(errno.EINVAL, "is a link, or no regular file", str(path))
+        file.write(content)

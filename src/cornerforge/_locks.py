@@ -14,6 +14,7 @@ import json
 import os
 import shlex
 import socket
+import stat
 import sys
 import time
 from collections.abc import Iterator
@@ -23,7 +24,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from cornerforge._files import reason
+from cornerforge._files import below, check_way, reason
 from cornerforge._words import spoken
 from cornerforge.errors import OutputError
 
@@ -35,8 +36,11 @@ _NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP}
 _TRIES, _PAUSE_S = 10, 0.02
 """Who only looks whether a lock is held, holds it for a moment: so wait before giving up."""
 _LONGEST_COMMAND = 120
+_LONGEST_LOCK = 1 << 20
 _HALF_A_DAY_S = 43_200.0
 _FAR = 1 << 30
+_NO_LINK = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+"""How a lock is opened: a stranger's folder may hold a link, or a pipe that would be waited for, in its place."""
 
 
 def is_lock(name: str) -> bool:
@@ -118,6 +122,7 @@ def _claim(path: Path, *, is_folder: bool) -> None:
     scope, place = _SCOPE.get(), Path(os.path.realpath(path))
     if scope is not None and scope.holds(place):
         return
+    check_way(lock_of(path, is_folder=is_folder))
     for above in place.parents:
         owner = _looked_up(lock_of(above, is_folder=True))
         if owner is not None:
@@ -127,6 +132,8 @@ def _claim(path: Path, *, is_folder: bool) -> None:
         ends.callback(lock.release)
         lock.take()
         if scope is not None:
+            if is_folder:
+                ends.enter_context(below(os.path.abspath(path), str(place)))
             scope.ends.push(ends.pop_all())
             scope.places.add(place)
 
@@ -187,6 +194,8 @@ class _Lock:
                 if self._is_taken():
                     self._sign()
                     return
+            except OutputError:
+                raise
             except OSError as error:
                 raise OutputError(
                     f"Cannot write {self._wanted}: {reason(error)}; make room, or choose another place."
@@ -220,13 +229,20 @@ class _Lock:
         self._make_folder()
         is_new = True
         try:
-            self._held = os.open(self._file, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+            self._held = os.open(self._file, os.O_RDWR | os.O_CREAT | os.O_EXCL | _NO_LINK, 0o666)
         except FileExistsError:
             is_new = False
             try:
-                self._held = os.open(self._file, os.O_RDWR)
+                self._held = os.open(self._file, os.O_RDWR | _NO_LINK)
             except FileNotFoundError:  # its owner has just removed it
                 return False
+            except OSError as error:
+                if self._file.is_symlink():
+                    raise self._refused() from error
+                raise
+            if not _is_plain(self._held):
+                self._close()
+                raise self._refused() from None
         except FileNotFoundError:  # and here the folder, which was empty
             return False
         is_mine = _system_lock(self._held)
@@ -239,6 +255,9 @@ class _Lock:
             self._close()
         return self._held is not None
 
+    def _refused(self) -> OutputError:
+        return OutputError(f"{self._file} is a link or no file, so it is no lock of cornerforge's; remove it.")
+
     def _make_folder(self) -> None:
         missing = list(itertools.takewhile(lambda folder: not folder.exists(), self._file.parents))
         for folder in reversed(missing):
@@ -250,7 +269,7 @@ class _Lock:
         """Say whether the file that is held is the one that others find: its owner may have removed it meanwhile."""
         assert self._held is not None
         try:
-            return os.path.samestat(self._file.stat(), os.fstat(self._held))
+            return os.path.samestat(self._file.lstat(), os.fstat(self._held))
         except FileNotFoundError:
             return False
 
@@ -269,19 +288,29 @@ class _Lock:
 def _looked_up(file: Path) -> _Owner | None:
     """Say who holds a lock; None: nobody."""
     try:
-        looked = os.open(file, os.O_RDONLY)
+        looked = os.open(file, os.O_RDONLY | _NO_LINK)
     except OSError:
         return None
     try:
+        if not _is_plain(looked):
+            return None
         is_free, owner = _system_lock(looked, shared=True), _read(file)
     finally:
         os.close(looked)
     return None if is_free or (is_free is None and owner.is_gone()) else owner
 
 
+def _is_plain(number: int) -> bool:
+    """Say whether an open file is a regular one, and has no other name."""
+    found = os.fstat(number)
+    return stat.S_ISREG(found.st_mode) and found.st_nlink <= 1  # 0: its owner has just removed it
+
+
 def _read(file: Path) -> _Owner:
     try:
-        said = json.loads(file.read_bytes())
+        number = os.open(file, os.O_RDONLY | _NO_LINK)
+        with open(number, "rb") as opened:
+            said = json.loads(opened.read(_LONGEST_LOCK)) if _is_plain(number) else None
     except (OSError, ValueError):
         said = None
     return _Owner(said if isinstance(said, dict) else {})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import functools
 import json
 import os
@@ -310,11 +311,16 @@ def test_arrays_and_values_come_back_as_they_were(tmp_path: Path) -> None:
 def test_what_cannot_be_written_leaves_the_state_before(tmp_path: Path) -> None:
     checkpoint = CheckpointFile(tmp_path / "c", IDENTITY)
     checkpoint.write(TrainingState({"a": np.zeros(2)}, {}))
-    (tmp_path / ".c.part").mkdir()  # in the way of the next
     before = (tmp_path / "c").read_bytes()
-    with pytest.raises(OutputError, match="Cannot write the checkpoint"):
-        checkpoint.write(TrainingState({"a": np.ones(2)}, {}))
-    assert (tmp_path / "c").read_bytes() == before
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pathlib.Path.write_bytes", full)
+        with pytest.raises(OutputError, match="Cannot write the checkpoint .*No space left"):
+            checkpoint.write(TrainingState({"a": np.ones(2)}, {}))
+    assert snapshot(tmp_path) == {"c": before}
 
 
 def test_removing_takes_what_a_kill_left_too(tmp_path: Path) -> None:
@@ -323,7 +329,7 @@ def test_removing_takes_what_a_kill_left_too(tmp_path: Path) -> None:
     checkpoint.write(TrainingState({"a": np.zeros(2)}, {}))
     with pytest.raises(OutputError, match=r"unfinished training; go on with --resume"):
         checkpoint.check_absent()
-    (tmp_path / ".c.part").write_text("half", encoding="utf-8")
+    (tmp_path / ".c.01234567.part").write_text("half", encoding="utf-8")
     checkpoint.remove()
     assert snapshot(tmp_path) == {}
     checkpoint.check_absent()

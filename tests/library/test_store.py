@@ -123,7 +123,7 @@ def test_a_killed_run_resumes_to_the_same_bytes(tmp_path: Path, identity: Identi
     (broken / "manifest.json.tmp").write_bytes(b'{"format": "corn')
     (broken / "tracks-000002.parquet.tmp").write_bytes(b"PAR1")  # .tmp: as earlier versions left them
     (broken / ".manifest.json.part").write_bytes(b'{"format": "corn')
-    (broken / ".tracks-000002.parquet.part").write_bytes(b"PAR1")
+    (broken / ".tracks-000002.parquet.0f3c52b1.part").write_bytes(b"PAR1")
     assert CaseLibrary.open(broken).scalars(["test"]).column("test").to_pylist() == [1, 4]
 
     resumed = CaseLibrary.resume(broken, identity, ODD)
@@ -215,7 +215,7 @@ def test_cases_without_a_manifest_are_no_leftovers(
 def test_what_a_kill_leaves_of_the_first_manifest_is_overwritten(
     verb: Callable[..., CaseLibrary], tmp_path: Path, identity: Identity
 ) -> None:
-    (tmp_path / ".manifest.json.part").write_text("{")
+    (tmp_path / ".manifest.json.0f3c52b1.part").write_text("{")
     (tmp_path / ".cornerforge.lock").write_text("")
     assert len(verb(tmp_path, identity, ODD)) == 0
     assert set(contents(tmp_path)) == {"manifest.json"}

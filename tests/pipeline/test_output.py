@@ -100,7 +100,7 @@ def test_a_folder_is_taken_up_only_by_the_same_work(tmp_path: Path) -> None:
 
 
 def test_what_a_kill_in_the_first_moment_leaves_is_no_obstacle(tmp_path: Path) -> None:
-    (tmp_path / ".provenance.json.part").write_text('{"half', encoding="utf-8")
+    (tmp_path / ".provenance.json.01234567.part").write_text('{"half', encoding="utf-8")
     assert open_output(tmp_path, {"seed": 1}, resume=False) is False
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from cornerforge._checksums import read_tensors, write_tensors
-from cornerforge._files import part_of
+from cornerforge._files import remove_parts
 from cornerforge._objects import object_fault
 from cornerforge.errors import FileFormatError, InputError, OutputError
 from cornerforge.fields import Field
@@ -113,7 +113,7 @@ class CheckpointFile:
             OutputError: It cannot be removed.
         """
         try:
-            part_of(self.path).unlink(missing_ok=True)
+            remove_parts(self.path)
             self.path.unlink(missing_ok=True)
         except OSError as error:
             raise OutputError(f"Cannot remove {self.path}: {error.strerror}; remove it yourself.") from error

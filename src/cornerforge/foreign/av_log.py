@@ -10,6 +10,8 @@ from collections import OrderedDict
 from contextlib import suppress
 from pathlib import Path
 
+from cornerforge._files import append, write_bytes
+
 __all__ = ["MOST_BYTES", "AvLog", "latest_log"]
 
 MOST_BYTES = 10_000_000
@@ -82,10 +84,9 @@ class AvLog:
             if size + len(printed) > self._most:
                 kept = ((path.read_bytes() if size else b"") + printed)[-(self._most // 2) :]
                 whole = kept[kept.find(b"\n") + 1 :]  # whole lines; all of it if it is one line
-                path.write_bytes(self._left_out + whole)
+                write_bytes(path, self._left_out + whole)
             else:
-                with path.open("ab") as file:
-                    file.write(printed)
+                append(path, printed)
         except OSError:
             self._is_broken = True
 

@@ -57,7 +57,7 @@ _SHARD_FILE = r"(cases|tracks)-\d{6,}(-growing)?\.parquet"
 _ALWAYS_STATED = tuple(Odd.of_stated({}).stated())
 """Fields of an ODD that all libraries name."""
 _OURS = re.compile(
-    rf"{_SHARD_FILE}|\.({_SHARD_FILE}|manifest\.json)\.part"
+    rf"{_SHARD_FILE}|\.({_SHARD_FILE}|manifest\.json)(\.[0-9a-f]{{8}})?\.part"
     rf"|{_SHARD_FILE}\.tmp|manifest\.json\.tmp"  # names that earlier versions left
 )
 

@@ -19,7 +19,7 @@ from typing import Any
 
 from cornerforge._checks import check_path
 from cornerforge._checksums import read_json, with_checksum
-from cornerforge._files import part_of, reason, writing
+from cornerforge._files import is_part_of, reason, writing
 from cornerforge._locks import claim_file, claim_folder, command_line, is_lock
 from cornerforge.errors import InputError, OutputError
 from cornerforge.execution import code_hash
@@ -193,7 +193,7 @@ def open_output(folder: Path, identity: Mapping[str, Any], *, resume: bool | Non
                     "choose another place, or remove it."
                 )
         return True
-    foreign = sorted(names - {part_of(mark).name})  # a kill in the first moment leaves this file
+    foreign = sorted(name for name in names if not is_part_of(name, mark))  # a kill in the first moment leaves a part
     if foreign:
         raise OutputError(f"{folder} holds something else ({foreign[0]}); choose a new or empty folder.")
     write_json(mark, provenance(identity))

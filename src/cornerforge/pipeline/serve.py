@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._arguments import checked
-from cornerforge._files import real_path
+from cornerforge._files import below, real_path
 from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.careful import CAREFUL
 from cornerforge.errors import CornerForgeError, FileFormatError, InputError, MissingExtraError
@@ -205,7 +205,8 @@ def _behind(exhibit: Exhibit, found: Sequence[_Found], threads: int | None, stop
 
         progress("analyse", 0, len(one.source.cases))
         try:
-            analyse(one.source.cases.path, out=one.folder, threads=threads, progress=progress)
+            with below(str(one.folder.parent)):  # its name is ours, so a link there is a stranger's
+                analyse(one.source.cases.path, out=one.folder, threads=threads, progress=progress)
             exhibit.analysed(one.source.name, read_analysis(one.folder, one.source.cases.path))
         except CornerForgeError as error:
             exhibit.warnings.append(f"There is no analysis: {error}")
