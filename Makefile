@@ -35,7 +35,7 @@ MODEL := src/cornerforge/ndd/default_model.npz
 RL_AV := src/cornerforge/drivers/rl_av.safetensors
 
 .DEFAULT_GOAL := help
-.PHONY: help setup web demo test test-slow fuzz kill test-browser test-interchange check format audit licences docs wheel lowest bench model rl-av golden clean-cache clean
+.PHONY: help setup web demo test ledger test-slow fuzz kill test-browser test-interchange check format audit licences docs wheel lowest bench model rl-av golden clean-cache clean
 
 help: ## list the targets (this)
 	@awk -F ':.*## ' '/^[a-z][a-z-]*:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -52,6 +52,11 @@ demo: $(SETUP) ## find, sort and report corner cases of a built-in AV, and of on
 
 test: $(SETUP) ## run the default tests and the examples in docstrings: offline, on the CPU, on all cores
 	@$(BIN)/python -m pytest -n auto --dist loadfile --durations 25
+
+ledger: $(SETUP) ## run the default tests and write down what each costs, and what it compiles: docs/test-ledger.md
+	@rm -rf .pytest_cache/ledger && mkdir -p .pytest_cache/ledger
+	@$(BIN)/python -m pytest -q -n auto --dist loadfile --ledger=.pytest_cache/ledger; \
+	  $(BIN)/python tests/ledger.py .pytest_cache/ledger docs/test-ledger.md "Last made on $$(date +%F), of commit $$(git rev-parse --short HEAD)."
 
 test-slow: $(SETUP) ## run the tests at full scale too, on a seed drawn now and printed
 	@$(BIN)/python -m pytest -m "not gpu and not browser and not interchange" --seed random --hypothesis-profile slow

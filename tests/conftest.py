@@ -30,6 +30,7 @@ hypothesis.settings.load_profile("quick")
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--seed", default=str(FIXED_SEED), help='seed of the statistical tests, or "random"')
     parser.addoption("--write-golden", action="store_true", help="write the golden files instead of comparing")
+    parser.addoption("--ledger", help="folder for a line of JSON a test: its time, kernels compiled, processes started")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -40,6 +41,11 @@ def pytest_configure(config: pytest.Config) -> None:
     # A background job of a shell ignores Ctrl-C, and so would all programs that tests start and interrupt.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if folder := config.getoption("--ledger"):
+        from ledger import Ledger
+
+        worker = os.environ.get("PYTEST_XDIST_WORKER", "main")
+        config.pluginmanager.register(Ledger(Path(folder) / f"{worker}.jsonl"))
     if config.getoption("--seed") == "random":
         config.option.seed = str(secrets.randbelow(2**31))
 
