@@ -56,7 +56,7 @@ test: $(SETUP) ## run the default tests and the examples in docstrings: offline,
 ledger: $(SETUP) ## run the default tests and write down what each costs, and what it compiles: docs/test-ledger.md
 	@rm -rf .pytest_cache/ledger && mkdir -p .pytest_cache/ledger
 	@$(BIN)/python -m pytest -q -n auto --dist loadfile --ledger=.pytest_cache/ledger; \
-	  $(BIN)/python tests/ledger.py .pytest_cache/ledger docs/test-ledger.md "Last made on $$(date +%F), of commit $$(git rev-parse --short HEAD)."
+	  $(BIN)/python tests/costs.py .pytest_cache/ledger docs/test-ledger.md "Last made on $$(date +%F), of commit $$(git rev-parse --short HEAD)."
 
 test-slow: $(SETUP) ## run the tests at full scale too, on a seed drawn now and printed
 	@$(BIN)/python -m pytest -m "not gpu and not browser and not interchange" --seed random --hypothesis-profile slow
@@ -132,11 +132,10 @@ golden: $(SETUP) ## write the checked-in expectations (golden files) again; read
 	@$(BIN)/python -m pytest -q -m golden --write-golden
 	@git --no-pager diff --stat -- tests
 
-clean-cache: ## drop the compiled kernels; the next start compiles them anew (needed only if in doubt)
-	@find src -type d -name 'kernels-*' -prune -exec rm -rf {} +
-	@find src \( -name '*.nbi' -o -name '*.nbc' \) -delete
+clean-cache: $(SETUP) ## drop the compiled kernels; the next start compiles them anew (needed only if in doubt)
+	@$(BIN)/python -c "import pathlib, cornerforge._kernel_cache as c; [f.unlink() for f in pathlib.Path(c.cache_folder()).glob('*.nbc')]"
 
-clean: clean-cache ## drop all that make made, .venv too; keeps out/
+clean: ## drop all that make made, .venv too; keeps out/
 	@rm -rf .venv .venv-* build dist site web/node_modules src/cornerforge/explorer/static .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	@find src tests -name __pycache__ -type d -prune -exec rm -rf {} +
 

@@ -42,7 +42,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if folder := config.getoption("--ledger"):
-        from ledger import Ledger
+        from costs import Ledger
 
         worker = os.environ.get("PYTEST_XDIST_WORKER", "main")
         config.pluginmanager.register(Ledger(Path(folder) / f"{worker}.jsonl"))

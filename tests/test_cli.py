@@ -19,7 +19,7 @@ import typer
 from edited_files import write_object
 from folder_snapshot import snapshot
 
-import cornerforge
+import cornerforge._kernel_cache
 from cornerforge._jit import kernel
 from cornerforge.adversary.config import PRESETS
 from cornerforge.adversary.policy_file import Policy, save_policy
@@ -451,7 +451,7 @@ def test_a_bar_of_slow_work_shows_more_than_a_zero(monkeypatch: pytest.MonkeyPat
 
 def test_compiling_is_said_without_a_terminal_too(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     """One line on standard error, whatever is compiled; none with --quiet; another where nothing can be kept."""
-    monkeypatch.setattr(cornerforge._jit, "cache_folder", lambda: "")
+    monkeypatch.setattr(cornerforge._kernel_cache, "cache_folder", lambda: "")
 
     @kernel
     def two(values: Any) -> float:
@@ -471,7 +471,7 @@ def test_compiling_is_said_without_a_terminal_too(capsys: Capture, monkeypatch: 
     assert captured.out == '{"sum": 2}\n' * 2
     assert captured.err.count("\n") == 1
     assert "NUMBA_CACHE_DIR" in captured.err
-    monkeypatch.setattr(cornerforge._jit, "cache_folder", lambda: "folder")
+    monkeypatch.setattr(cornerforge._kernel_cache, "cache_folder", lambda: "folder")
     run_command(work, str, as_json=False, quiet=False)
     assert "then it is kept" in capsys.readouterr().err
 

@@ -5,30 +5,27 @@
 depend on vector width, thread count or batch size.
 
 Numba by itself notices edits of the file in which a function stands, but not of files whose functions it calls, and
-would go on with stale code. So the cache folder's name holds a fingerprint of all files that kernels are made of.
+would go on with stale code. Here machine code is kept under a hash of all that a kernel reaches (`_kernel_content.py`).
 """
 
 from __future__ import annotations
 
 import functools
-import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-import numba
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils, event, types
 from numba.extending import intrinsic
 
-from cornerforge._kernel_cache import KernelCache, choose_folder, warn_once
+from cornerforge._kernel_cache import KernelCache
 from cornerforge._kernel_parts import KernelDispatcher
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["announce_compiling", "cache_folder", "inlined_kernel", "kernel", "kernel_by_code", "prefetch"]
+__all__ = ["announce_compiling", "inlined_kernel", "kernel", "kernel_by_code", "prefetch", "shared_kernel"]
 
 _OPTIONS: dict[str, Any] = {
     "nopython": True,
@@ -43,32 +40,6 @@ _OPTIONS: dict[str, Any] = {
 # then all of `advance` was one function of 68,000 instructions that took LLVM a minute.
 
 F = TypeVar("F", bound=Callable[..., object])
-
-_SOURCES = (
-    "_jit.py", "_kernel_*.py", "_elementary.py", "_philox.py", "fields.py", "geometry.py", "types.py", "recordings.py",
-    "ndd/grids.py", "ndd/memory.py", "drivers/*.py", "road/*.py", "sim/*.py", "counterfactual/*.py",
-    "analysis/conduct.py", "analysis/density_grid.py",
-)  # fmt: skip
-
-
-def _fingerprint(package: Path) -> str:
-    """Hash name, size and time of change of every kernel source; no file is opened."""
-    digest = hashlib.sha256()
-    for pattern in _SOURCES:
-        for path in sorted(package.glob(pattern)):
-            stat = path.stat()
-            digest.update(f"{path.name} {stat.st_size} {stat.st_mtime_ns}\n".encode())
-    return digest.hexdigest()[:12]
-
-
-@functools.cache
-def cache_folder() -> str:
-    """Find the folder for machine code: in the package, or in the user's cache if that is not writable; else "".
-
-    The variable NUMBA_CACHE_DIR, if set, names another place.
-    """
-    package = Path(__file__).parent
-    return choose_folder(f"kernels-{_fingerprint(package)}", package)
 
 
 def kernel(function: F) -> F:
@@ -85,17 +56,17 @@ def inlined_kernel(function: F) -> F:
     return _compiled(function, {**_OPTIONS, "forceinline": True})
 
 
-def _compiled(function: F, options: dict[str, Any]) -> F:
-    dispatcher: Any = KernelDispatcher(function, options)
-    if folder := cache_folder():
-        before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
-        numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]
-        try:
-            dispatcher._cache = KernelCache(function)
-        except RuntimeError:
-            warn_once(folder, "something else stands where a folder is needed")
-        finally:
-            numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
+def shared_kernel(function: F) -> F:
+    """Compile a scalar loop function to a program of its own, which kernels call by its address.
+
+    For what is large, is called by many kernels, and seldom: once a test or a second.
+    """
+    return _compiled(function, _OPTIONS, shared=True)
+
+
+def _compiled(function: F, options: dict[str, Any], *, shared: bool = False) -> F:
+    dispatcher: Any = KernelDispatcher(function, options, shared=shared)
+    dispatcher._cache = KernelCache(dispatcher)
     return cast("F", dispatcher)
 
 

@@ -1,4 +1,8 @@
-"""The cache of kernels' machine code: its folder, and what happens to files that are damaged or cannot be written.
+"""The cache of kernels' machine code: its folders, and what happens to files that are damaged or cannot be written.
+
+A file's name holds the hash of all that its machine code was made of (`_kernel_content`), of the types of its
+arguments, the processor, Numba, LLVM and Python. So a file is right wherever its name is asked for: folders may be
+shared by checkouts, kept by CI, shipped and read-only.
 
 A program must start wherever Python starts: with a read-only package, without a home folder, on a full disk. Kernels
 are then compiled for this run only. A damaged file is dropped and its kernel compiled anew.
@@ -8,144 +12,168 @@ are then compiled for this run only. A damaged file is dropped and its kernel co
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import os
 import pickle
-import shutil
+import re
+import sys
 import time
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, UserProvidedCacheLocator
+import llvmlite  # type: ignore[import-untyped]
+import numba
+from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
-__all__ = ["KernelCache", "choose_folder", "warn_once"]
+from cornerforge._files import read_bytes, writing
+from cornerforge._kernel_content import content_hash
+from cornerforge._kernel_parts import load_shared, shared_of
+
+__all__ = ["KernelCache", "cache_folder", "read_folders"]
 
 _UNUSED_DAYS = 30.0
 _TOUCH_DAYS = 1.0
 _DAY = 86400.0
 _TOLD: list[str] = []
+_FOLDER = "kernels"
+_ENDING = ".nbc"
+_PACKAGE = Path(__file__).parent
 
 
-def choose_folder(name: str, package: Path) -> str:
-    """Make the folder `name` in the first place that can be written, and return its path; "" if there is none.
-
-    Places: the one that NUMBA_CACHE_DIR names, if it is set; else the package's `__pycache__`, then the user's cache.
-    """
-    wished = os.environ.get("NUMBA_CACHE_DIR")
-    for base in (Path(wished),) if wished else _usual_places(package):
-        folder = base / name
-        try:
+@functools.cache
+def cache_folder() -> str:
+    """Find the folder in which machine code is kept: the first of `_places` that can be written; "" if none can."""
+    for base in _places():
+        folder = base / _FOLDER
+        with contextlib.suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True)
-        except OSError:
-            continue
-        if os.access(folder, os.W_OK):
-            _mark_as_used(folder)
-            _remove_unused(base)
-            return str(folder)
+            if os.access(folder, os.W_OK):
+                return str(folder)
     return ""
 
 
-def _usual_places(package: Path) -> Iterator[Path]:
-    yield package / "__pycache__"
+def read_folders() -> list[Path]:
+    """List the folders in which machine code is looked for: those that could be written before, then the package's."""
+    return [*(base / _FOLDER for base in _places()), _PACKAGE / _FOLDER]
+
+
+def _places() -> Iterator[Path]:
+    """Yield the one that NUMBA_CACHE_DIR names, if it is set; else the user's cache, then the package's."""
+    wished = os.environ.get("NUMBA_CACHE_DIR")
+    if wished:
+        yield Path(wished)
+        return
     named = os.environ.get("XDG_CACHE_HOME")
     if named:
         yield Path(named) / "cornerforge"
-        return
-    with contextlib.suppress(RuntimeError):  # a user without a home
-        yield Path.home() / ".cache" / "cornerforge"
+    else:
+        with contextlib.suppress(RuntimeError):  # a user without a home
+            yield Path.home() / ".cache" / "cornerforge"
+    yield _PACKAGE / "__pycache__"
 
 
-def _mark_as_used(folder: Path) -> None:
-    """Set the folder's time, which tells its last use; at most once a day."""
-    with contextlib.suppress(OSError):
-        if folder.stat().st_mtime < time.time() - _TOUCH_DAYS * _DAY:
-            os.utime(folder)
-
-
-def _remove_unused(base: Path) -> None:
+def _remove_unused(folder: Path) -> None:
     """Delete machine code that no program has used for a month: its sources or its installation are gone."""
     limit = time.time() - _UNUSED_DAYS * _DAY
-    with contextlib.suppress(OSError):  # another process may remove the same folder
-        for folder in base.glob("kernels-*"):
-            if folder.stat().st_mtime < limit:
-                shutil.rmtree(folder, ignore_errors=True)
+    for file in folder.glob(f"*{_ENDING}"):
+        with contextlib.suppress(OSError):  # another process may remove it too
+            if file.stat().st_mtime < limit:
+                file.unlink()
 
 
-class _Locator(UserProvidedCacheLocator):
-    """The cache folder, as told to Numba. Numba's own class tries to write a file there for every kernel, at import."""
-
-    def ensure_cache_path(self) -> None:
-        os.makedirs(self.get_cache_path(), exist_ok=True)
-
-
-class _Checked(CompileResultCacheImpl):
-    """Machine code with its checksum: half a file must not become half a program."""
-
-    _locator_classes = [_Locator]  # noqa: RUF012  (Numba's own attribute)
-
-    def reduce(self, cres: Any) -> tuple[bytes, bytes]:
-        content = dumps(super().reduce(cres))
-        return hashlib.sha256(content).digest(), content
-
-    def rebuild(self, target_context: Any, payload: tuple[bytes, bytes]) -> Any:
-        checksum, content = payload
-        if hashlib.sha256(content).digest() != checksum:
-            raise ValueError("the checksum is another")
-        return super().rebuild(target_context, pickle.loads(content))
+def _mark_as_used(file: Path) -> None:
+    """Set the file's time, which tells its last use; at most once a day."""
+    with contextlib.suppress(OSError):
+        if file.stat().st_mtime < time.time() - _TOUCH_DAYS * _DAY:
+            os.utime(file)
 
 
-class _Files(IndexDataCacheFile):
-    """Index and machine code; a pipe or a device in the place of one would be read for ever."""
+class KernelCache:
+    """The cached files of one kernel, as Numba's dispatcher asks for them; no fault in them ends the program."""
 
-    def _load_index(self) -> Any:
-        _check_regular(self._index_path)
-        return super()._load_index()
+    def __init__(self, kernel: Any) -> None:
+        self._kernel = kernel
 
-    def _load_data(self, name: str) -> Any:
-        _check_regular(self._data_path(name))
-        return super()._load_data(name)
-
-
-def _check_regular(path: str) -> None:
-    if os.path.exists(path) and not os.path.isfile(path):
-        raise OSError(f"{path} is no regular file")
-
-
-class KernelCache(FunctionCache):
-    """The cached files of one kernel; no fault in them ends the program.
-
-    Raises:
-        RuntimeError: Its folder cannot be made.
-    """
-
-    _impl_class = _Checked
-
-    def __init__(self, function: Any) -> None:
-        super().__init__(function)
-        own = self._cache_file
-        self._cache_file = _Files(self._cache_path, own._index_name.removesuffix(".nbi"), own._source_stamp)
+    @property
+    def cache_path(self) -> str:
+        """Folder in which machine code is kept."""
+        return cache_folder()
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Read the kernel's machine code; None if it is absent or damaged."""
-        try:
-            return super().load_overload(sig, target_context)
-        except Exception:  # damaged bytes, read as a pickle, can raise anything
-            with contextlib.suppress(OSError):
-                os.unlink(self._cache_file._index_path)
-            return None
+        target_context.refresh()
+        name = self._name(sig, target_context)
+        for folder in read_folders():
+            file = folder / name
+            try:
+                content = read_bytes(file)
+            except FileNotFoundError:
+                continue
+            except OSError:
+                _drop(file)
+                continue
+            try:
+                shared, result = pickle.loads(_checked(content))
+                load_shared(shared)
+                found = CompileResult._rebuild(target_context, *result)
+            except Exception:  # damaged bytes, read as a pickle, can raise anything
+                _drop(file)
+                continue
+            _mark_as_used(file)
+            return found
+        return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Write the kernel's machine code; where that fails, warn once."""
+        folder = cache_folder()
+        if not folder:
+            return
+        content = dumps((shared_of(data.library), data._reduce()))
+        file = Path(folder) / self._name(sig, data.target_context)
         try:
-            super().save_overload(sig, data)
+            with writing(file) as part:
+                part.write_bytes(hashlib.sha256(content).digest() + content)
         except OSError as error:
-            warn_once(self.cache_path, error.strerror or str(error))
+            cause = error.__cause__ if isinstance(error.__cause__, OSError) else error
+            _warn_once(folder, cause.strerror or str(cause))
+        _remove_unused(Path(folder))
+
+    def flush(self) -> None:
+        """Do nothing: what is compiled anew has another name, or the same content."""
+
+    def _name(self, sig: Any, target_context: Any) -> str:
+        """Name the file: the kernel, for people, and the hash of all that its machine code depends on."""
+        function = self._kernel.py_func
+        told = (
+            content_hash(self._kernel), str(sig), target_context.codegen().magic_tuple(), numba.__version__,
+            llvmlite.__version__, sys.implementation.cache_tag, str(numba.config.OPT),  # type: ignore[attr-defined]
+        )  # fmt: skip
+        digest = hashlib.sha256(repr(told).encode()).hexdigest()[:32]
+        kernel = re.sub(r"[^\w.]", "", f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}")
+        return f"{kernel[:100]}-{digest}{_ENDING}"
 
 
-def warn_once(place: str, why: str) -> None:
+def _checked(content: bytes) -> bytes:
+    """Return what was kept: half a file must not become half a program.
+
+    Raises:
+        ValueError: The checksum is another.
+    """
+    if hashlib.sha256(content[32:]).digest() != content[:32]:
+        raise ValueError("the checksum is another")
+    return content[32:]
+
+
+def _drop(file: Path) -> None:
+    with contextlib.suppress(OSError):
+        file.unlink()
+
+
+def _warn_once(place: str, why: str) -> None:
     """Warn that machine code cannot be kept in a folder, once in a process."""
     if _TOLD:
         return

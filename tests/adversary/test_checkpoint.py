@@ -318,7 +318,7 @@ def test_what_cannot_be_written_leaves_the_state_before(tmp_path: Path) -> None:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("pathlib.Path.write_bytes", full)
-        with pytest.raises(OutputError, match="Cannot write the checkpoint .*No space left"):
+        with pytest.raises(OutputError, match=r"Cannot write the checkpoint .*No space left"):
             checkpoint.write(TrainingState({"a": np.ones(2)}, {}))
     assert snapshot(tmp_path) == {"c": before}
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 
-from cornerforge import _jit
+from cornerforge import _jit, _kernel_cache
 
 __all__ = ["with_cache"]
 
@@ -19,7 +20,9 @@ def _tripled(values: Any) -> float:
 
 def with_cache() -> float:
     """Call the kernel as a new process would: it reads its machine code, or compiles it and keeps it."""
-    place = Path("cache").resolve()
-    with patch.object(_jit, "cache_folder", lambda: str(place)):
+    with patch.dict(os.environ, NUMBA_CACHE_DIR=str(Path("cache").resolve())):
+        _kernel_cache.cache_folder.cache_clear()
         tripled: Any = _jit.kernel(_tripled)
-        return float(tripled(np.ones(2)))
+        found = float(tripled(np.ones(2)))
+    _kernel_cache.cache_folder.cache_clear()
+    return found

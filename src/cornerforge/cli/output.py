@@ -141,7 +141,7 @@ def run_command(
 
 def compiling_text() -> str:
     """Why the first start takes so long, in one line."""
-    from cornerforge._jit import cache_folder
+    from cornerforge._kernel_cache import cache_folder
 
     if cache_folder():
         return (

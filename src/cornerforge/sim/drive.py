@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.sim.keep import Keep, write_outcome
-from cornerforge.sim.loop import NEVER, advance
+from cornerforge.sim.loop import NEVER, advance, linked_advance
 from cornerforge.sim.statistics import Census, Counts, count_travel
 from cornerforge.sim.step import record_frame
 from cornerforge.sim.traffic import reset_world
@@ -44,7 +44,8 @@ def drive_range(seed: int, first: int, setting: Setting, w: World, s: Scratch, k
         out: How each ended.
     """
     for k in range(out.code.size):
-        drive_test(w, seed, first + k, setting, s, keep)
+        reset_world(w, seed, first + k, setting)
+        linked_advance(w, setting, s, keep, NEVER)
         write_outcome(w, out, k, setting.road)
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cornerforge._jit import inlined_kernel, kernel
+from cornerforge._jit import inlined_kernel, kernel, shared_kernel
 from cornerforge._philox import uniform
 from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND
 from cornerforge.sim.adversaries import choose_action, sample_action
@@ -48,6 +48,7 @@ __all__ = [
     "advance",
     "answer_as_av",
     "answer_as_bv",
+    "linked_advance",
     "look_as_bv",
     "steer_as_av",
 ]
@@ -310,22 +311,8 @@ def _who_must_answer(w: World, substep: int, setting: Setting) -> int:
 
 
 @kernel
-def advance(w: World, setting: Setting, s: Scratch, keep: Keep, until: int) -> int:
-    """Move a world on until its test is over, somebody outside must answer, or `until` seconds of it have passed.
-
-    When a test ends within a second, vehicles that nothing can touch or see stand where the second began;
-    `step.bring_up_to_date` moves them to the end.
-
-    Args:
-        w: The world, put at the start of a test (`traffic.reset_world`) or left by an earlier call.
-        setting: The run.
-        s: Scratch.
-        keep: What is kept.
-        until: Seconds since the start of the test; NEVER for no milestone.
-
-    Returns:
-        OVER, AV_MUST_ANSWER, BV_MUST_ANSWER or MILESTONE.
-    """
+def linked_advance(w: World, setting: Setting, s: Scratch, keep: Keep, until: int) -> int:
+    """Do what `advance` does, as a part of the program that calls it: 2 % quicker in bulk, half a minute to compile."""
     state = w.state[0]
     if state.outcome != RUNNING:
         return OVER
@@ -351,3 +338,23 @@ def advance(w: World, setting: Setting, s: Scratch, keep: Keep, until: int) -> i
                 return OVER
         state.substep = 0
         _count_second(w, road, keep)
+
+
+@shared_kernel
+def advance(w: World, setting: Setting, s: Scratch, keep: Keep, until: int) -> int:
+    """Move a world on until its test is over, somebody outside must answer, or `until` seconds of it have passed.
+
+    When a test ends within a second, vehicles that nothing can touch or see stand where the second began;
+    `step.bring_up_to_date` moves them to the end.
+
+    Args:
+        w: The world, put at the start of a test (`traffic.reset_world`) or left by an earlier call.
+        setting: The run.
+        s: Scratch.
+        keep: What is kept.
+        until: Seconds since the start of the test; NEVER for no milestone.
+
+    Returns:
+        OVER, AV_MUST_ANSWER, BV_MUST_ANSWER or MILESTONE.
+    """
+    return linked_advance(w, setting, s, keep, until)
