@@ -30,12 +30,16 @@ EXTERNAL := tests/interchange/external
 ASAM := .venv-asam/.stamp-setup
 COMMONROAD := .venv-commonroad/.stamp-setup
 AUDIT := .venv-audit/.stamp-setup
+FULL := "not slow and not gpu and not browser and not interchange"
 TEST_TOOLS := hypothesis mpmath onnx pytest
 MODEL := src/cornerforge/ndd/default_model.npz
 RL_AV := src/cornerforge/drivers/rl_av.safetensors
 
+# Python's bytecode is kept: without it each of a thousand processes that tests start would compile 432 modules anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
-.PHONY: help setup web demo test ledger test-slow fuzz kill test-browser test-interchange check format audit licences docs wheel lowest bench model rl-av golden clean-cache clean
+.PHONY: help setup web demo test test-full kernels ledger test-slow fuzz kill test-browser test-interchange check format audit licences docs wheel lowest bench model rl-av golden clean-cache clean
 
 help: ## list the targets (this)
 	@awk -F ':.*## ' '/^[a-z][a-z-]*:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -50,12 +54,18 @@ demo: $(SETUP) ## find, sort and report corner cases of a built-in AV, and of on
 	@$(BIN)/cornerforge report $(OUT)-flawed --out $(OUT)-flawed/page
 	@echo "The reports (open them in a browser): $(OUT)/report.html, and of an AV with a flaw $(OUT)-flawed/page/report.html"
 
-test: $(SETUP) ## run the default tests and the examples in docstrings: offline, on the CPU, on all cores
-	@$(BIN)/python -m pytest -n auto --dist loadfile --durations 25
+test: kernels ## run the default tests and the examples in docstrings, within minutes: offline, on the CPU, on all cores
+	@$(BIN)/python -m pytest -q -n auto --dist loadfile --durations 10
 
-ledger: $(SETUP) ## run the default tests and write down what each costs, and what it compiles: docs/test-ledger.md
+test-full: kernels ## run all tests but those at full scale: before a merge, and before an issue is closed (some 20 minutes)
+	@$(BIN)/python -m pytest -q -m $(FULL) --hypothesis-profile full -n auto --dist loadfile --durations 25
+
+kernels: $(SETUP) ## compile what commands need, on all cores, unless it is there already
+	@$(BIN)/python supply/kernels.py
+
+ledger: $(SETUP) ## run all tests but those at full scale, and write down what each costs, and what it compiles: docs/test-ledger.md
 	@rm -rf .pytest_cache/ledger && mkdir -p .pytest_cache/ledger
-	@$(BIN)/python -m pytest -q -n auto --dist loadfile --ledger=.pytest_cache/ledger; \
+	@$(BIN)/python -m pytest -q -m $(FULL) --hypothesis-profile full -n auto --dist loadfile --ledger=.pytest_cache/ledger; \
 	  $(BIN)/python tests/costs.py .pytest_cache/ledger docs/test-ledger.md "Last made on $$(date +%F), of commit $$(git rev-parse --short HEAD)."
 
 test-slow: $(SETUP) ## run the tests at full scale too, on a seed drawn now and printed

@@ -22,7 +22,8 @@ GOLDEN = Path(__file__).parent / "golden"
 FIXED_SEED = 20_210_206
 
 # No deadline: the first example of a compiled kernel waits for the compiler.
-hypothesis.settings.register_profile("quick", deadline=None, derandomize=True, max_examples=50)
+hypothesis.settings.register_profile("quick", deadline=None, derandomize=True, max_examples=20)
+hypothesis.settings.register_profile("full", deadline=None, derandomize=True, max_examples=50)
 hypothesis.settings.register_profile("slow", deadline=None, max_examples=500, print_blob=True)
 hypothesis.settings.load_profile("quick")
 
@@ -54,10 +55,25 @@ def pytest_report_header(config: pytest.Config) -> str:
     return f"cornerforge: --seed {config.getoption('--seed')}"
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    sampled: dict[tuple[str, str], list[pytest.Item]] = {}
     for item in items:
         if "golden" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.golden)
+        if item.get_closest_marker("sampled"):
+            sampled.setdefault((item.path.as_posix(), getattr(item, "originalname", item.name)), []).append(item)
+    for versions in sampled.values():
+        for item in not_sampled(versions):
+            item.add_marker(pytest.mark.full)
+
+
+def not_sampled(versions: list[pytest.Item]) -> list[pytest.Item]:
+    """List those of a test's parameters that `make test` leaves to `make test-full`: it runs some, spread evenly."""
+    marker = versions[0].get_closest_marker("sampled")
+    assert marker is not None
+    kept = {round(i * (len(versions) - 1) / max(marker.args[0] - 1, 1)) for i in range(marker.args[0])}
+    return [item for i, item in enumerate(versions) if i not in kept]
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from cornerforge.cli import main
 from cornerforge.library import CaseLibrary
 from cornerforge.ndd import default_model_path
 
-__all__ = ["FILE", "FOLDER", "OUTPUTS", "stand_ins"]
+__all__ = ["FILE", "FOLDER", "OUTPUTS", "pairs_file", "stand_ins"]
 
 FOLDER, FILE = "folder", "file"
 OUTPUTS = {
@@ -57,16 +57,21 @@ OUTPUTS = {
 """Command lines whose next word is the place, and what is made there."""
 
 
+def pairs_file(folder: Path) -> None:
+    """Write the trajectories of 12 followers, some of them held out, as `pairs.csv`."""
+    rows = ["period,follower,leader,t_s,v_mps,vl_mps,gap_m,split"]
+    for f in range(30):
+        split = "test" if f % 2 == 0 else "train"
+        speed = 25 + 0.3 * np.sin(np.arange(121) / 20 + f)
+        rows += [f"1,{f},999,{0.1 * i:.1f},{v:.4f},25.0,{40 + f}.0,{split}" for i, v in enumerate(speed)]
+    (folder / "pairs.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+
 def stand_ins(folder: Path) -> dict[str, str]:
     """Make, in a folder, what words of `OUTPUTS` stand for."""
     library = folder / "library"
     assert main(["generate", "--policy", "swerve", "--cases", "3", "--out", str(library), "--quiet"]) == 0
-    rows = ["period,follower,leader,t_s,v_mps,vl_mps,gap_m,split"]
-    for f in range(12):
-        split = "test" if f % 5 == 0 else "train"
-        speed = 25 + 0.3 * np.sin(np.arange(121) / 20 + f)
-        rows += [f"1,{f},999,{0.1 * i:.1f},{v:.4f},25.0,{40 + f}.0,{split}" for i, v in enumerate(speed)]
-    (folder / "pairs.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    pairs_file(folder)
     case = CaseLibrary.open(library).scalars(["case_id"])["case_id"][0].as_py()
     return {
         "LIB": str(library), "CASE": case, "PAIRS": str(folder / "pairs.csv"), "TABLE": str(folder / "pairs.csv"),

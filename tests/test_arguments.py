@@ -143,6 +143,7 @@ def without_default(name: str) -> dict[str, Any]:
 WRONG: tuple[Any, ...] = (object(), 1j, {}, b"x", lambda: None)
 
 
+@pytest.mark.sampled(15)
 @pytest.mark.parametrize("name", VERBS)
 def test_each_argument_of_each_verb_is_looked_at(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is no number, text, list or path gets into none of them, and is refused before anything is written."""

@@ -132,6 +132,7 @@ def test_any_changed_bit_of_arrays_is_noticed_or_changes_nothing(tmp_path: Path)
     assert noticed > 0.6 * len(range(0, 8 * len(whole), 7))
 
 
+@pytest.mark.full
 def test_the_same_tensors_give_the_same_bytes_in_every_process(tmp_path: Path) -> None:
     """The library itself writes the metadata in an order that it draws: of ten files some would differ."""
     script = (

@@ -81,6 +81,7 @@ def all_commands() -> list[list[str]]:
     return list(walk(typer.main.get_command(app), []))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("command", all_commands(), ids=lambda path: " ".join(path) or "cornerforge")
 def test_every_command_helps(command: list[str], capsys: Capture) -> None:
     status, out, err = call(capsys, *command, "--help")
@@ -112,6 +113,7 @@ def context_of(words: list[str], *, read: bool) -> Any:
     return context
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("command", all_commands(), ids=lambda path: " ".join(path) or "cornerforge")
 def test_every_help_has_an_example_whose_words_are_known(
     command: list[str], capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -211,6 +213,7 @@ def test_the_promised_commands_are_there() -> None:
 GROUPS = [[], ["ndd"], ["suite"], ["cases"]]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("command", [path for path in all_commands() if path not in GROUPS], ids=" ".join)
 def test_every_command_takes_the_common_options(command: list[str], capsys: Capture) -> None:
     _, out, _ = call(capsys, *command, "--help")
@@ -230,6 +233,7 @@ def test_the_version_can_be_asked_for(capsys: Capture) -> None:
     assert call(capsys, "--version") == (0, f"cornerforge {cornerforge.__version__}\n", "")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("command", ["replay {f}/library 0:0 --check", "query {f}/library 'select 1'", "avs"])
 def test_commands_without_files_of_their_own_can_write_their_object(
     command: str, files: Path, tmp_path: Path, capsys: Capture
@@ -253,6 +257,7 @@ def test_help_is_quick_because_nothing_heavy_is_imported(tmp_path: Path) -> None
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.full
 def test_python_m_cornerforge_is_the_command_line(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "cornerforge", "avs", "--json"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=True)
@@ -301,6 +306,7 @@ def words(text: str, files: Path, new: Path) -> list[str]:
     return [word.format(f=files, n=new) for word in shlex.split(text)]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", GOOD)
 def test_json_is_one_object_and_nothing_else(name: str, files: Path, tmp_path: Path, capsys: Capture) -> None:
     text, keys = GOOD[name]
@@ -312,6 +318,7 @@ def test_json_is_one_object_and_nothing_else(name: str, files: Path, tmp_path: P
     assert keys <= set(json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON")))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", GOOD)
 def test_text_for_people(name: str, files: Path, tmp_path: Path, capsys: Capture) -> None:
     status, out, err = call(capsys, *words(GOOD[name][0], files, tmp_path))
@@ -321,6 +328,7 @@ def test_text_for_people(name: str, files: Path, tmp_path: Path, capsys: Capture
     assert "{" not in out or name == "simulate --stats"
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["simulate", "generate", "analyse", "replay", "query", "avs"])
 def test_quiet_prints_nothing(name: str, files: Path, tmp_path: Path, capsys: Capture) -> None:
     assert call(capsys, *words(GOOD[name][0], files, tmp_path), "--quiet") == (0, "", "")
@@ -347,6 +355,7 @@ def test_analysis_names_clusters_and_cases(files: Path, capsys: Capture) -> None
     assert set(found["seconds"]) >= {"features", "pca", "dbscan", "kmeans"}
 
 
+@pytest.mark.full
 def test_run_makes_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
     tiny = run_module.Effort(
         nde_tests=200,
@@ -376,6 +385,7 @@ def test_run_makes_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, c
     assert "Report: " in out
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("command", ["run --budget quick", "reproduce --budget quick --figure table1"])
 def test_the_old_name_of_effort_goes_on_working_with_a_hint(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
@@ -412,6 +422,7 @@ def on_a_terminal(*arguments: str) -> tuple[str, str]:
     return done.stdout, shown.removesuffix(b"END").decode()
 
 
+@pytest.mark.full
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a POSIX terminal")
 def test_a_terminal_sees_progress_with_rate_and_standard_output_stays_clean() -> None:
     command = ("simulate", "--tests", "2000", "--json")
@@ -483,6 +494,7 @@ def test_a_slow_speed_keeps_its_digits() -> None:
 # --- exit status 1 ---
 
 
+@pytest.mark.full
 def test_a_case_that_happens_differently_is_status_1(
     files: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -639,6 +651,7 @@ BAD: dict[str, tuple[Callable[[Path, Path], None], str, str]] = {
 }  # fmt: skip
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input_is_one_plain_line_and_harms_nothing(name: str, files: Path, tmp_path: Path, capsys: Capture) -> None:
     prepare, text, message = BAD[name]
@@ -655,6 +668,7 @@ def test_bad_input_is_one_plain_line_and_harms_nothing(name: str, files: Path, t
     assert (snapshot(tmp_path), snapshot(files)) == before
 
 
+@pytest.mark.full
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a limit on the size of files")
 def test_a_full_disk_is_one_plain_line_and_leaves_no_half_file(files: Path, tmp_path: Path) -> None:
     import resource
@@ -718,6 +732,7 @@ def in_a_shell(text: str, folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(["sh", "-c", line], capture_output=True, text=True, check=False, cwd=folder)
 
 
+@pytest.mark.full
 @shell
 @pytest.mark.parametrize(
     ("line", "status"),
@@ -735,6 +750,7 @@ def test_a_closed_stream_is_no_failed_gate(line: str, status: int, tmp_path: Pat
         json.loads(file.read_text(encoding="utf-8"))
 
 
+@pytest.mark.sampled(1)
 @shell
 @pytest.mark.parametrize("line", ["avs", "--help", "avs --json", "no-such-command 2>&1"])
 def test_a_reader_that_leaves_ends_it_as_it_ends_other_programs(line: str, tmp_path: Path) -> None:
@@ -766,6 +782,7 @@ def test_a_file_that_ends_early_is_no_interrupt(capsys: Capture, monkeypatch: py
         call(capsys, "avs")
 
 
+@pytest.mark.full
 @shell
 def test_a_query_can_be_interrupted(files: Path, tmp_path: Path) -> None:
     """DuckDB reports Ctrl-C as an error of its own."""
@@ -791,6 +808,7 @@ sys.exit(main())
 # --- places with odd names ---
 
 
+@pytest.mark.full
 def test_a_path_means_the_same_to_all_who_write(
     files: Path, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -810,6 +828,7 @@ def test_a_path_means_the_same_to_all_who_write(
     assert not list((tmp_path / "home").iterdir())
 
 
+@pytest.mark.full
 def test_a_run_into_a_place_with_a_colon_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
     tiny = run_module.Effort(
         nde_tests=200,

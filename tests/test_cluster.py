@@ -30,6 +30,8 @@ from cornerforge.rates.teaching import plan_of, tilted_plan_of
 from cornerforge.rates.trees import grow
 from cornerforge.sim import Plan, danger
 
+pytestmark = pytest.mark.full
+
 _STORE = 80_000_000
 
 

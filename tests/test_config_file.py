@@ -61,6 +61,7 @@ def commands() -> list[list[str]]:
     return list(walk(typer.main.get_command(app), []))
 
 
+@pytest.mark.full
 def test_a_file_says_what_options_say_and_options_win(place: Path, capsys: Capture) -> None:  # noqa: ARG001
     write('tests = 40\nlanes = 2\nodd = "swift"\nseed = 5\nbv = ["idm"]\nthreads = 1\n')
     said = found(capsys, "simulate", "--config", "c.toml")
@@ -97,6 +98,7 @@ def test_commands_share_the_world_of_a_file(place: Path, capsys: Capture) -> Non
     assert 'ndd fit has no option "lanes"' in call(capsys, *fit)[2]
 
 
+@pytest.mark.full
 def test_a_required_option_and_a_flag_can_stand_in_a_file(place: Path, capsys: Capture) -> None:
     write('policy = "swerve"\nout = "library"\ncases = 3\njson = true\nthreads = 1\n')
     status, out, err = call(capsys, "generate", "--config", "c.toml")
@@ -110,6 +112,7 @@ def test_a_required_option_and_a_flag_can_stand_in_a_file(place: Path, capsys: C
     assert "seed" in err
 
 
+@pytest.mark.full
 def test_paths_in_a_file_are_seen_from_its_folder(place: Path, capsys: Capture) -> None:
     write('out = "library"\ntests = 20\nthreads = 1\nquiet = true\n', "sub/c.toml")
     assert call(capsys, "simulate", "--config", "sub/c.toml") == (0, "", "")
@@ -124,6 +127,7 @@ def test_paths_in_a_file_are_seen_from_its_folder(place: Path, capsys: Capture) 
     assert "sub/none.onnx" in call(capsys, *SIMULATE, "--config", "sub/c.toml")[2]
 
 
+@pytest.mark.full
 def test_the_module_of_an_av_is_found_beside_the_file(place: Path, capsys: Capture) -> None:
     write('av = "my_av:MyAv"\n', "sub/c.toml")
     shutil.copy(EXAMPLE, place / "sub")
@@ -139,6 +143,7 @@ def test_the_module_of_an_av_is_found_beside_the_file(place: Path, capsys: Captu
     assert looked.replace(f"{place / 'sub'}, ", "") in call(capsys, *SIMULATE, "--av", "nowhere:MyAv")[2]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("other", ["my_av.py", "my_av/__init__.py"])
 def test_another_module_of_that_name_is_never_taken_for_it(other: str, place: Path, capsys: Capture) -> None:
     write('av = "my_av:MyAv"\n', "sub/c.toml")
@@ -152,6 +157,7 @@ def test_another_module_of_that_name_is_never_taken_for_it(other: str, place: Pa
     assert "MyAv" in call(capsys, *SIMULATE, "--config", "sub/c.toml")[2], "the only one there is: it has no act"
 
 
+@pytest.mark.full
 def test_the_options_in_effect_and_the_file_are_kept(place: Path, capsys: Capture) -> None:
     text = "# mine\ntests = 20\nthreads = 1\nlanes = 4\n"
     write(text)
@@ -202,6 +208,7 @@ BAD = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", BAD)
 def test_a_mistake_in_a_file_is_one_plain_line(name: str, place: Path, capsys: Capture) -> None:
     text, message = BAD[name]
@@ -261,6 +268,7 @@ def test_an_interrupt_promises_what_the_file_says(
     assert call(capsys, "rate", "--config", "c.toml") == (130, "", said)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("path", commands(), ids=" ".join)
 def test_a_file_can_say_every_option(path: list[str], place: Path) -> None:  # noqa: ARG001
     """A value for each option, written by the option's type, arrives under the option's parameter."""

@@ -131,6 +131,7 @@ def worst(function: Function, true: Callable[[mpmath.mpf], mpmath.mpf], points: 
     return found
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", CASES)
 def test_errors_are_below_the_bound(name: str, seed: int) -> None:
     case = CASES[name]
@@ -138,6 +139,7 @@ def test_errors_are_below_the_bound(name: str, seed: int) -> None:
     assert error < BOUND, f"{name}({where.hex()}) is {error} ulp off"
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", CASES)
 def test_errors_are_below_the_bound_at_hard_places(name: str) -> None:
     case = CASES[name]
@@ -221,6 +223,7 @@ def test_they_know_their_symmetries(seed: int) -> None:
         assert atan(-x) == -atan(x)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("name", "low", "high"),
     [
@@ -247,6 +250,7 @@ def test_cosine_falls_from_0_to_pi(seed: int) -> None:
     assert np.all(np.diff([cosine(x) for x in points[points <= math.pi].tolist()]) <= 0.0)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", CASES)
 def test_compiled_and_as_plain_python_they_give_the_same_bits(name: str, seed: int) -> None:
     plain = plain_functions()
@@ -329,6 +333,7 @@ def _assembly(tmp_path: Path, options: str = "", more: str = "") -> str:
     return done.stdout
 
 
+@pytest.mark.full
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="reads x86-64 assembly")
 def test_nothing_is_fused_or_called(tmp_path: Path) -> None:
     """On a processor that could; negative controls: licence to fuse, and one function of the C library."""

@@ -25,6 +25,8 @@ from cornerforge.foreign.av_log import AvLog
 from cornerforge.pipeline import serve
 from cornerforge.pipeline.make_report import make_report
 
+pytestmark = pytest.mark.full
+
 
 @pytest.fixture(scope="module")
 def words(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:

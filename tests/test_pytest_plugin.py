@@ -20,6 +20,8 @@ from cornerforge.drivers.rails import ACCELERATION, LANE, POSE_NUMBERS, SPEED, X
 from cornerforge.interchange.case_file import Happened, of_moving
 from cornerforge.interchange.cases import MovingCase, straight_road
 
+pytestmark = pytest.mark.full
+
 EXAMPLES = Path(__file__).parent.parent / "examples"
 TESTS = """
 import pytest

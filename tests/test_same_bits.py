@@ -30,10 +30,13 @@ MACHINES = {
 }
 QUICK, SLOW = 3_000, 60_000
 
-pytestmark = pytest.mark.skipif(
-    platform.machine() not in ("x86_64", "AMD64") or platform.libc_ver()[0] != "glibc",
-    reason="names processors of x86-64 and tunables of the GNU C library",
-)
+pytestmark = [
+    pytest.mark.full,
+    pytest.mark.skipif(
+        platform.machine() not in ("x86_64", "AMD64") or platform.libc_ver()[0] != "glibc",
+        reason="names processors of x86-64 and tunables of the GNU C library",
+    ),
+]
 
 
 def bits(*arguments: str, surroundings: dict[str, str] | None = None, cache: Path | None = None) -> tuple[str, str]:

@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from pages_as_run import ROOT, run
 
+pytestmark = pytest.mark.full
+
 TUTORIAL = ROOT / "docs" / "tutorial-your-own-data.md"
 SMALLER = {
     "--recordings 24": "--recordings 3", "--recordings 6": "--recordings 1", "--out validation": "--out v --miles 2e5",

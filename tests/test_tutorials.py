@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from pages_as_run import ROOT, Smaller, missing_lines, steps_of, walk
 
+pytestmark = pytest.mark.full
+
 FIRST_RUN = ROOT / "docs" / "tutorial-first-run.md"
 OWN_AV = ROOT / "docs" / "tutorial-your-own-av.md"
 

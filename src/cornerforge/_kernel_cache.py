@@ -33,7 +33,7 @@ from cornerforge._files import read_bytes, writing
 from cornerforge._kernel_content import content_hash
 from cornerforge._kernel_parts import load_shared, shared_of
 
-__all__ = ["KernelCache", "cache_folder", "read_folders"]
+__all__ = ["KernelCache", "cache_folder", "read_folders", "target"]
 
 _UNUSED_DAYS = 30.0
 _TOUCH_DAYS = 1.0
@@ -92,6 +92,16 @@ def _mark_as_used(file: Path) -> None:
             os.utime(file)
 
 
+@functools.cache
+def target() -> str:
+    """Tell what machine code is made by and for: processor, Numba, LLVM, level of optimisation and Python."""
+    from numba.core.registry import cpu_target
+
+    optimised = numba.config.OPT  # type: ignore[attr-defined]
+    magic = cpu_target.target_context.codegen().magic_tuple()
+    return f"{magic} {numba.__version__} {llvmlite.__version__} {optimised} {sys.implementation.cache_tag}"
+
+
 class KernelCache:
     """The cached files of one kernel, as Numba's dispatcher asks for them; no fault in them ends the program."""
 
@@ -106,7 +116,7 @@ class KernelCache:
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Read the kernel's machine code; None if it is absent or damaged."""
         target_context.refresh()
-        name = self._name(sig, target_context)
+        name = self._name(sig)
         for folder in read_folders():
             file = folder / name
             try:
@@ -133,7 +143,7 @@ class KernelCache:
         if not folder:
             return
         content = dumps((shared_of(data.library), data._reduce()))
-        file = Path(folder) / self._name(sig, data.target_context)
+        file = Path(folder) / self._name(sig)
         try:
             with writing(file) as part:
                 part.write_bytes(hashlib.sha256(content).digest() + content)
@@ -145,14 +155,11 @@ class KernelCache:
     def flush(self) -> None:
         """Do nothing: what is compiled anew has another name, or the same content."""
 
-    def _name(self, sig: Any, target_context: Any) -> str:
+    def _name(self, sig: Any) -> str:
         """Name the file: the kernel, for people, and the hash of all that its machine code depends on."""
         function = self._kernel.py_func
-        told = (
-            content_hash(self._kernel), str(sig), target_context.codegen().magic_tuple(), numba.__version__,
-            llvmlite.__version__, sys.implementation.cache_tag, str(numba.config.OPT),  # type: ignore[attr-defined]
-        )  # fmt: skip
-        digest = hashlib.sha256(repr(told).encode()).hexdigest()[:32]
+        told = f"{content_hash(self._kernel)} {sig} {target()}"
+        digest = hashlib.sha256(told.encode()).hexdigest()[:32]
         kernel = re.sub(r"[^\w.]", "", f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}")
         return f"{kernel[:100]}-{digest}{_ENDING}"
 

@@ -87,6 +87,7 @@ def stopped(world: Experiment, tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("config", [TINY, PLAIN, LATE], ids=["adam", "sgd", "late"])
 @pytest.mark.parametrize("decisions", [3200, 6400, 7680])
 def test_a_stopped_training_goes_on_to_the_same_weights(
@@ -114,6 +115,7 @@ def test_a_training_stopped_again_and_again_goes_on_to_the_same_weights(
     assert_same(go(world, TINY, checkpoint), unbroken(TINY))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "part",
     ["learner.online", "learner.target", "learner.optimiser.mean", "learner.optimiser.square",
@@ -133,6 +135,7 @@ def test_negative_control_every_part_is_needed(part: str, world: Experiment, unb
     assert go(world, TINY, checkpoint).weights.tobytes() != unbroken(TINY).weights.tobytes()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("what", ["generator", "steps"])
 def test_negative_control_generator_and_adams_steps_are_needed(
     what: str, world: Experiment, unbroken: Unbroken, stopped: Path
@@ -182,6 +185,7 @@ def child(path: Path) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
 
 
+@pytest.mark.full
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL there")
 def test_a_killed_training_goes_on_to_the_same_weights(world: Experiment, unbroken: Unbroken, tmp_path: Path) -> None:
     path = tmp_path / "p.checkpoint"

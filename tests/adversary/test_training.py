@@ -16,6 +16,8 @@ from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.sim.runner import simulate
 
+pytestmark = pytest.mark.full
+
 TINY = replace(
     PRESETS["fast"], width=16, batch=32, replay_size=2048, replay_start=256, worlds=64, decisions_per_update=16,
     target_update=10, epsilon_decisions=2000, decisions=3000,

@@ -190,6 +190,7 @@ def test_finer_decisions_find_what_coarse_ones_find() -> None:
         assert slow.latest_s is None or (fast.latest_s is not None and fast.latest_s <= slow.latest_s)
 
 
+@pytest.mark.full
 def test_the_figure_is_the_same_bytes_twice_and_needs_no_witness() -> None:
     scenario = SCENARIOS[2]
     answer = avoidability(scenario)

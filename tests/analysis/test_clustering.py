@@ -55,6 +55,7 @@ def projected(values: np.ndarray) -> Projection:
     return project(values, scaling_of(values))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("n", [5, 300, 70_000])
 def test_projection_is_that_of_scikit_learn_up_to_sign(n: int) -> None:
     """70,000 rows are more than one block."""
@@ -138,6 +139,7 @@ def _ring(rng: np.random.Generator, n: int) -> np.ndarray:
     return 2.0 * np.column_stack([np.cos(turn), np.sin(turn)]) + 0.02 * rng.normal(size=(n, 2))
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("eps", [0.05, 0.2, 0.5, 2.0])
 @pytest.mark.parametrize("n", [20, 200, 2000])
 def test_clusters_are_those_of_scikit_learn(n: int, eps: float) -> None:
@@ -145,6 +147,7 @@ def test_clusters_are_those_of_scikit_learn(n: int, eps: float) -> None:
         assert_same_as_reference(points, eps, choose_min_samples(n))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("number", range(8))
 def test_clusters_are_those_of_scikit_learn_on_hard_clouds(number: int, seed: int) -> None:
     for points in clouds(seed + number).values():
@@ -270,6 +273,7 @@ def test_without_any_dense_place_everything_is_the_majority() -> None:
 # --- K-means
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("sizes", "k"), [([300, 200], 2), ([300, 100, 50], 3), ([60, 60, 60, 60], 4), ([10, 10], 2)])
 def test_planted_number_of_clusters(sizes: list[int], k: int) -> None:
     points = blobs(sizes)
@@ -283,6 +287,7 @@ def test_planted_number_of_clusters(sizes: list[int], k: int) -> None:
         assert centre == pytest.approx(points[found.labels == index].mean(axis=0))
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("n", [12, 60, 3000])
 @pytest.mark.parametrize("shape", shapes(10))
 def test_no_structure_is_one_cluster(shape: str, n: int) -> None:
@@ -302,6 +307,7 @@ def test_same_seed_same_clusters() -> None:
     assert one.centres.tobytes() == other.centres.tobytes()
 
 
+@pytest.mark.full
 def test_the_choice_is_shown() -> None:
     choice = choose_k(blobs([300, 100, 50]))
     assert choice.bound is not None

@@ -67,6 +67,7 @@ def test_bounds_are_met_within_the_second_by_hand(speed: float, a: float, metres
     assert v["speed"][0] == end
 
 
+@pytest.mark.full
 def test_the_reference_has_converged() -> None:
     leads, idm = random_leads(4), AVS["idm-mobil"].idm
     coarse, fine = (reference(leads, idm, steps=steps) for steps in (250, 500))
@@ -74,6 +75,7 @@ def test_the_reference_has_converged() -> None:
         assert np.abs(a - b).max() < 1e-4
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["idm-mobil", "idm-mobil-d2rl"])
 def test_car_following_converges_to_the_continuous_idm(name: str) -> None:
     leads, idm = random_leads(4), AVS[name].idm

@@ -95,6 +95,7 @@ def assert_equal_test_by_test(setting: Setting, odd: Odd, tests: int, seed: int 
     return Happened(av_crashes, bv_crashes, returns)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("av", PLAIN)
 @pytest.mark.parametrize("lanes", [2, 3])
 def test_natural_traffic_is_the_same_bit_for_bit(model: NddModel, lanes: int, av: str) -> None:
@@ -102,6 +103,7 @@ def test_natural_traffic_is_the_same_bit_for_bit(model: NddModel, lanes: int, av
     assert_equal_test_by_test(setting_of(model, odd, av=av_named(av)), odd, TESTS)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", sorted(set(ODDS) - {"mixed"}))  # the yardstick knows cars only
 @pytest.mark.parametrize("av", PLAIN)
 def test_reckless_traffic_is_the_same_bit_for_bit(reckless: NddModel, name: str, av: str) -> None:

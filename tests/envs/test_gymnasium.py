@@ -28,6 +28,7 @@ KINDS: list[tuple[str, dict[str, Any]]] = [
 ]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("name", "options"), KINDS)
 def test_gymnasiums_checker_has_no_complaint(name: str, options: dict[str, Any]) -> None:
     """Warnings are errors here."""
@@ -148,6 +149,7 @@ def batches(name: str, options: dict[str, Any], n: int, mode: AutoresetMode, **o
     return native, SyncVectorEnv(singles, autoreset_mode=mode)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 @pytest.mark.parametrize(("name", "options"), KINDS)
 def test_many_worlds_at_once_are_the_single_ones(name: str, options: dict[str, Any], mode: AutoresetMode) -> None:
@@ -268,6 +270,7 @@ def call(make: Any, *steps: Any) -> None:
         step(env)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("steps", "message"),
     [
@@ -321,6 +324,7 @@ def test_an_option_of_another_world_is_refused(kind: Any, option: str) -> None:
 # --- registration ---
 
 
+@pytest.mark.full
 def test_registering_is_light_and_repeatable(tmp_path: Path) -> None:
     code = (
         "import importlib, sys, gymnasium, cornerforge.envs as e; importlib.reload(e)\n"

@@ -53,6 +53,7 @@ def test_before_reset_there_is_nothing() -> None:
             assert said(ResetNeeded, call) == "No test has begun; call reset() first."
 
 
+@pytest.mark.full
 def test_after_the_end_only_a_picture_is_left() -> None:
     for name, make in MAKERS.items():
         env = make(render_mode="rgb_array")
@@ -82,6 +83,7 @@ def test_after_a_mask_worlds_that_never_began_are_not_stepped() -> None:
         said(ResetNeeded, call)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("begun", [True, False])
 @pytest.mark.parametrize("name", ALL)
 def test_after_close_there_is_nothing(name: str, begun: bool) -> None:
@@ -135,6 +137,7 @@ def test_actions_are_one_for_each_world(name: str) -> None:
         env.step(value)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", ALL)
 @pytest.mark.parametrize("argument", ["seed", "test", "options", "reset_mask"])
 def test_what_reset_takes(name: str, argument: str) -> None:
@@ -172,6 +175,7 @@ def test_without_a_render_mode_a_warning_says_why_there_is_no_picture() -> None:
             assert env.unwrapped.render() is None
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", [*MAKERS, *MANY])
 def test_a_copy_goes_its_own_way(name: str) -> None:
     """In the middle of a test: a copy does what the first one does, and neither disturbs the other."""

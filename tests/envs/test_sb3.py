@@ -38,6 +38,7 @@ def test_its_own_checker_has_no_complaint(name: str) -> None:
     check_env(gymnasium.wrappers.FlattenObservation(gymnasium.make(name).unwrapped))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", [ADVERSARY_ID, DRIVING_ID])
 def test_dqn_learns(name: str) -> None:
     env = gymnasium.make(name)
@@ -116,6 +117,7 @@ def test_networks_of_another_kind_are_named() -> None:
         policy_of_sb3(broken)
 
 
+@pytest.mark.full
 def test_the_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "agent.safetensors"
     example = Path(__file__).parents[2] / "examples" / "train_sb3.py"

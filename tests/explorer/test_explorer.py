@@ -36,6 +36,8 @@ from cornerforge.report.cases import case_data
 from cornerforge.report.judged import read_case_judgements
 from cornerforge.report.verdict import verdict
 
+pytestmark = pytest.mark.full
+
 
 def columns(server: Running, *names: str) -> pa.Table:
     return pa.ipc.open_stream(get(server, f"api/columns?names={','.join(names)}")).read_all()

@@ -13,6 +13,8 @@ from cornerforge.explorer import Exhibit, open_door
 from cornerforge.explorer.app import Guard, explorer_app
 from cornerforge.explorer.server import PORT
 
+pytestmark = pytest.mark.full
+
 
 def answer_of(
     app: ASGIApp, path: str, *, method: str = "GET", body: bytes = b"", **headers: str

@@ -18,6 +18,8 @@ from cornerforge.errors import InputError
 from cornerforge.explorer import Exhibit
 from cornerforge.pipeline import serve as verb
 
+pytestmark = pytest.mark.full
+
 
 def test_a_page_that_is_not_built_is_one_line(
     place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -14,6 +14,8 @@ from explorer.conftest import Running, asked, get, sent, started, stopped
 
 from cornerforge.explorer.room import MOST, Room, UnavailableError
 
+pytestmark = pytest.mark.full
+
 ENDLESS = "(select sum(x.range * y.range) from range(10000000) x, range(10000000) y) > 0"
 
 

@@ -15,6 +15,8 @@ from urllib.request import urlopen
 import pytest
 from explorer.conftest import CANARY, Running
 
+pytestmark = pytest.mark.full
+
 N = 5_000
 PATHS = [
     "/", "/assets/explorer.js", "/api/about", "/api/columns", "/api/case/adversary/3:0", "/api/case/natural/4:1",

@@ -18,6 +18,8 @@ from fuzz.parts import parts_of, write_parts
 from fuzz.seeds import seed_folder
 from fuzz.workers import Worker
 
+pytestmark = pytest.mark.full
+
 CORPUS = sorted((Path(__file__).parent / "corpus").glob("*.json"))
 
 

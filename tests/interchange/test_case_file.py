@@ -238,6 +238,7 @@ def test_more_vehicles_than_the_road_has_room_for(tmp_path: Path) -> None:
             assert read_case_file(path).script.slot.size == 7
 
 
+@pytest.mark.full
 def test_our_checks_and_a_validator_made_by_others_agree() -> None:
     """All single changes of type and range that the schema forbids, here a sample of each place, are found by both."""
     from cornerforge.interchange._schema_check import wrong

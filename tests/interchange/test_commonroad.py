@@ -442,6 +442,7 @@ def test_a_road_that_is_not_straight_is_refused(tmp_path: Path) -> None:
         read(tmp_path, scenario_text(place, way=lambda x: x / 150.0, split=False))
 
 
+@pytest.mark.full
 def test_ten_thousand_vehicles_are_refused(tmp_path: Path) -> None:
     car = (
         '<dynamicObstacle id="{}"><type>car</type><shape><rectangle><length>4</length><width>2</width></rectangle>'

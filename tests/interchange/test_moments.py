@@ -180,6 +180,7 @@ def test_what_cannot_be_is_named(tmp_path: Path) -> None:
             critical_moments(traffic, **wrong)
 
 
+@pytest.mark.full
 @needs_us101
 def test_moments_of_us101_are_in_its_rows() -> None:
     """Gap and TTC of each moment from the file's rows as they stand: positions, lengths and speeds of its own."""

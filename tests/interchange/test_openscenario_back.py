@@ -59,6 +59,7 @@ def assert_same(case: MovingCase, scenario: Scenario) -> None:
     assert contact(case) == (round(10.0 * scenario.crash.time), other)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("odd", list(ODDS))
 def test_real_crashes(odd: str, tmp_path: Path) -> None:
     crashes = real_crashes(odd)[:SOME]
@@ -83,6 +84,7 @@ def test_mirror_images(tmp_path: Path) -> None:
         assert_same(back(tmp_path, scenario), scenario)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mode", ["controller", "relative"])
 def test_an_av_of_the_users(mode: str, tmp_path: Path) -> None:
     for scenario in real_crashes("default")[:SOME]:
@@ -96,6 +98,7 @@ def test_an_av_of_the_users(mode: str, tmp_path: Path) -> None:
             assert off[others].max() < 1e-5
 
 
+@pytest.mark.full
 def test_what_is_read_drives_to_the_same_contact(tmp_path: Path) -> None:
     """The simulator drives what was read as it was recorded, far along the road too, and sees the crash when it was."""
     for number, scenario in enumerate(real_crashes("default")[:SOME]):

@@ -384,6 +384,7 @@ def test_trajectories_that_are_wrong(tmp_path: Path, vertices: list[tuple[float 
         read(tmp_path, text)
 
 
+@pytest.mark.full
 def test_too_many_vehicles(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there are 10,001 entities; up to 200 are read"):
         read(tmp_path, scenario(entities=car("Ego") + "".join(car(f"v{k}") for k in range(10_000))))
@@ -426,6 +427,7 @@ def test_names_with_path_parts(tmp_path: Path) -> None:
     assert case.facts["vehicles"] == "Ego, ../../b"
 
 
+@pytest.mark.full
 def test_damaged_files_give_one_clear_error(tmp_path: Path) -> None:
     """400 files with random damage: read, or refused by an error of ours; nothing else, and never for long."""
     draw = random.Random(20)

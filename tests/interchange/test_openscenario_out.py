@@ -57,6 +57,7 @@ def assert_as_recorded(root: ET.Element, scenario: Scenario) -> None:
     assert contact_frame(root) == crash_of(scenario)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("odd", list(ODDS))
 def test_real_crashes_are_as_recorded(odd: str, tmp_path: Path) -> None:
     crashes = real_crashes(odd)[:SOME]
@@ -247,6 +248,7 @@ def when_met(root: ET.Element, scenario: Scenario) -> int:
     return int(np.flatnonzero(met)[0])
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("odd", list(ODDS))
 def test_the_recorded_av_triggers_the_manoeuvre_when_it_began(odd: str, tmp_path: Path) -> None:
     found = []

@@ -238,6 +238,7 @@ def test_a_single_row_is_an_error(tmp_path: Path) -> None:
         read_traffic([clips_file(tmp_path / "a.csv", [straight_on(1, 1, 0.0, 20.0, seconds=0.0)])])
 
 
+@pytest.mark.full
 @needs_us101
 def test_us101_is_what_its_own_columns_say() -> None:
     """Speeds and lanes of the file itself, which this reader does not look at; every row that has both."""

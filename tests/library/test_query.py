@@ -29,6 +29,7 @@ def test_null_stays_null(filled: Path) -> None:
     assert CaseLibrary.open(filled).query("SELECT NULL, min(log_prob_policy) FROM cases")[1] == [(None, -10.0)]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "sql",
     [
@@ -67,6 +68,7 @@ def test_nothing_but_the_table_can_be_reached(filled: Path, tmp_path: Path, sql:
     assert columns_of_python.num_rows == 6
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "sql", ["SELEC 1", "SELECT velocity FROM cases", "SELECT * FROM crashes", "SELECT 'a'::INTEGER"]
 )
@@ -89,6 +91,7 @@ def test_what_comes_back_is_plain(filled: Path) -> None:
     assert rest == ["2020-01-02", True, "ä", [1, None], {"a": 1.5}, "b'x'", total]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "sql",
     ["SELECT map([date '2020-01-02'], [1])", f"SELECT {'[' * 400}1{']' * 400}", "SELECT timestamptz '2020-01-01'"],
@@ -107,6 +110,7 @@ def test_a_worker_that_is_not_ones_own_does_no_harm(filled: Path, monkeypatch: p
         asker.ask("SELECT 1")
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("sql", ["", "  ", "-- nothing", "SELECT 1; SELECT 2"])
 def test_one_select_it_has_to_be(filled: Path, sql: str) -> None:
     with pytest.raises(InputError, match="one SELECT statement"):
@@ -124,6 +128,7 @@ ENDLESS = "SELECT list_reduce(range(1000000), lambda a, b: a + levenshtein(repea
 GREEDY = "SELECT list_sort(list_transform(range(100000000), lambda x: hash(x)))[1]"
 
 
+@pytest.mark.full
 def test_a_statement_that_does_not_end_is_stopped_and_the_next_is_answered(filled: Path) -> None:
     with Asker(CaseLibrary.open(filled).scalars(), seconds=1.0) as asker:
         begin = time.monotonic()
@@ -134,6 +139,7 @@ def test_a_statement_that_does_not_end_is_stopped_and_the_next_is_answered(fille
         assert asker.ask("SELECT count(*) FROM cases")[1] == [(6,)]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("greedy", [GREEDY, "SELECT * FROM range(100000000) ORDER BY hash(range)"])
 def test_a_statement_that_needs_much_memory_is_stopped(filled: Path, greedy: str) -> None:
     with Asker(CaseLibrary.open(filled).scalars(), megabytes=128) as asker:
@@ -157,6 +163,7 @@ def test_the_limits_have_limits(filled: Path, limits: dict[str, Any], message: s
         CaseLibrary.open(filled).query("SELECT 1", **limits)
 
 
+@pytest.mark.full
 def test_who_asks_may_allow_more(filled: Path) -> None:
     """Twelve million hashes do not fit into 64 MB, and do into 2 GB."""
     library = CaseLibrary.open(filled)
@@ -166,6 +173,7 @@ def test_who_asks_may_allow_more(filled: Path) -> None:
     assert library.query(some, seconds=600.0, megabytes=2048)[1] == [(12_000_000,)]
 
 
+@pytest.mark.full
 def test_the_time_to_start_is_no_time_of_the_answer(filled: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A process that starts slowly, as on a busy machine: longer than an answer may take."""
     started = subprocess.Popen
@@ -184,6 +192,7 @@ def test_half_a_character_is_no_statement(filled: Path) -> None:
         CaseLibrary.open(filled).query("SELECT '\udcff'")
 
 
+@pytest.mark.full
 def test_closing_stops_the_question_and_those_that_wait(filled: Path) -> None:
     asker = Asker(CaseLibrary.open(filled).scalars())
     told: list[str] = []
@@ -226,6 +235,7 @@ def is_running(process: int) -> bool:
         return False
 
 
+@pytest.mark.full
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
 def test_the_process_ends_by_itself_when_who_asked_was_killed() -> None:
     asking = subprocess.Popen([sys.executable, "-c", ASKS_FOR_LONG], stdout=subprocess.PIPE, text=True)

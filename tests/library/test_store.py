@@ -298,6 +298,7 @@ def test_a_manifest_cannot_lead_out_of_its_folder(filled: Path) -> None:
         CaseLibrary.open(filled)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("damage", [Path.unlink, truncate, flip_a_byte])
 def test_a_damaged_shard_is_named_once_and_left_out(filled: Path, damage: Callable[[Path], None]) -> None:
     damage(filled / "cases-000001.parquet")
@@ -447,6 +448,7 @@ STEPS: list[list[list[int]]] = [
 ]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("steps", STEPS)
 def test_files_do_not_depend_on_when_cases_are_saved(
     tmp_path: Path, identity: Identity, make_record: Callable[[int], CaseRecord], steps: list[list[int]]
@@ -476,6 +478,7 @@ def test_files_do_not_depend_on_when_cases_are_saved(
     assert contents(resumed) == contents(whole)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("nth", range(1, 7))
 def test_death_while_a_shard_grows_loses_only_what_was_new(
     tmp_path: Path,
@@ -547,6 +550,7 @@ def test_cases_that_do_not_follow_are_refused_before_anything_is_written(
     assert contents(tmp_path) == before
 
 
+@pytest.mark.full
 def test_many_threads_read_one_library(
     tmp_path: Path, identity: dict[str, Any], make_record: Callable[[int], CaseRecord]
 ) -> None:

@@ -39,6 +39,7 @@ def factors(model: NddModel) -> dict[tuple[str, str], Any]:
     return {name: table[:, place] for name, place in places.items()}
 
 
+@pytest.mark.full
 def test_factors_have_the_stated_widths_and_limits(model: NddModel, factors: dict[tuple[str, str], Any]) -> None:
     """Unit: a draw, n 4,000. The distance to the stated law is at most 0.052; a width off by a quarter is farther."""
     rows = widths(model)
@@ -71,6 +72,7 @@ def test_factors_of_different_numbers_and_draws_are_independent(factors: dict[tu
     assert np.abs(in_turn).max() < bound
 
 
+@pytest.mark.full
 def test_a_draw_is_its_seed_and_number(model: NddModel) -> None:
     one = drawn_model(model, 7, 3)
     assert model_hash(one) == model_hash(drawn_model(model, 7, 3))

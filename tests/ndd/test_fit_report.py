@@ -102,6 +102,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> tuple[Mapping[str, Any], 
     return fit_sensitivity([path], "tracks", strengths=[50.0, 200.0], window_factors=[0.6])
 
 
+@pytest.mark.full
 def test_a_study_fits_each_choice_once_and_scores_the_same_decisions(study: tuple[Mapping[str, Any], ...]) -> None:
     assert [row["variant"] for row in study] == ["as fitted", "prior strength 50", "smoothing windows x 0.6"]
     for row in study:
@@ -141,6 +142,7 @@ def test_held_out_scores_are_told_by_law_and_speed(model: NddModel, tmp_path: Pa
     assert "the 40 from 19.5 m/s" in both
 
 
+@pytest.mark.full
 def test_a_driven_study_says_how_far_the_crash_rate_moves(model: NddModel, tmp_path: Path) -> None:
     driven: list[NddModel] = []
 

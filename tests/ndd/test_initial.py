@@ -125,6 +125,7 @@ def _made(model: NddModel, header: dict[str, Any]) -> NddModel | str:
         return str(error)
 
 
+@pytest.mark.full
 def test_hostile_numbers_are_refused_in_a_line_or_drive(tmp_path: Path, model: NddModel) -> None:
     """Each number of the file becomes each hostile value: no traceback, no hang, and no test that comes to nothing."""
     content = read_arrays(default_model_path(), "model")

@@ -248,6 +248,7 @@ def drawn(seconds: SecondsAtRisk, law: LaneChange, seed: int) -> SecondsAtRisk:
     return replace(seconds, changed=np.random.default_rng(seed).random(seconds.size) < chance)
 
 
+@pytest.mark.full
 def test_few_changes_move_little_and_many_tell(seed: int) -> None:
     law = replace(LaneChange(), rate=0.05, rear_standstill=12.0)
     seconds = random_seconds(200_000, seed)
@@ -338,6 +339,7 @@ def test_drivers_of_the_simulator_are_found_again(tmp_path: Path, seed: int) -> 
     assert not is_found("rear_doubt", numbers["rear_doubt"])
 
 
+@pytest.mark.full
 def test_unseen_recordings_are_likelier_under_the_fit_than_under_the_prior(tmp_path: Path, seed: int) -> None:
     """Measured: 100 nats more, standard deviation 16, for 700 changes; the truth itself is within 9 nats of the fit."""
     paths = highd_folder(tmp_path, TRUTH, 24, seed)
@@ -387,6 +389,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return [read(folder / f"{name}.csv", many_changes(20) + more).path for name, more in (("a", []), ("b", [""]))]
 
 
+@pytest.mark.full
 def test_a_fit_says_what_it_found_and_is_the_same_again(recorded: list[Path], tmp_path: Path) -> None:
     result = cornerforge.ndd_fit(recorded, out=tmp_path / "m.npz")
     told = result.lane_changes
@@ -409,6 +412,7 @@ def test_a_fit_says_what_it_found_and_is_the_same_again(recorded: list[Path], tm
     assert model_hash(again) == result.model_hash
 
 
+@pytest.mark.full
 def test_the_prior_can_be_kept(recorded: list[Path], tmp_path: Path) -> None:
     result = cornerforge.ndd_fit(recorded, out=tmp_path / "m.npz", lane_changes="prior")
     model, shipped = load_model(tmp_path / "m.npz"), load_model(default_model_path())
@@ -432,6 +436,7 @@ def test_without_enough_changes_the_prior_stays_and_the_reason_is_told(tmp_path:
     assert "nobody was seen for long enough with a lane beside its own" in alone.why
 
 
+@pytest.mark.full
 def test_files_without_lanes_keep_the_prior(tmp_path: Path) -> None:
     path = tmp_path / "pairs.csv"
     rows = [f"{f},999,{t}.0,25.0,25.0,40.0" for f in range(4) for t in range(20)]

@@ -89,6 +89,7 @@ def test_what_was_observed_is_possible_even_outside_the_priors_support(tmp_path:
     assert model.following[place][1] == pytest.approx(1.0 / 201.0, rel=1e-3)
 
 
+@pytest.mark.full
 def test_the_report_counts_and_scores(tmp_path: Path) -> None:
     path = pairs_file(tmp_path / "p.csv")
     said: list[str] = []
@@ -104,6 +105,7 @@ def test_the_report_counts_and_scores(tmp_path: Path) -> None:
     assert model.provenance["files"][0]["decisions_held_out"] == 12 * 12  # type: ignore[index]
 
 
+@pytest.mark.full
 def test_test_rows_never_reach_the_fit(tmp_path: Path) -> None:
     path = pairs_file(tmp_path / "p.csv")
     lines = path.read_text().splitlines()
@@ -112,6 +114,7 @@ def test_test_rows_never_reach_the_fit(tmp_path: Path) -> None:
     assert model_hash(fit_model([path], "pairs")[0]) == model_hash(model)
 
 
+@pytest.mark.full
 def test_a_second_fit_gives_the_same_bytes_whatever_the_order(tmp_path: Path) -> None:
     first, second = pairs_file(tmp_path / "a.csv", 30), pairs_file(tmp_path / "b.csv", 30, seed=2)
     digests = set()
@@ -127,6 +130,7 @@ def test_a_second_fit_gives_the_same_bytes_whatever_the_order(tmp_path: Path) ->
     assert str(tmp_path) not in json.dumps(dict(load_model(out).provenance))
 
 
+@pytest.mark.full
 def test_drivers_without_noise_give_a_model_and_a_warning(tmp_path: Path) -> None:
     """As in simulated trajectories: the fitted spread is far below a step between two accelerations."""
     rows = []

@@ -263,6 +263,7 @@ def test_plausible_speeds_are_not_noted(tmp_path: Path) -> None:
     assert read_one(written(tmp_path / "p.csv", PAIRS_HEADER, fast), "pairs").notes == ()
 
 
+@pytest.mark.full
 def test_the_command_names_what_was_left_out_and_how_much_is_missing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -415,6 +415,7 @@ def test_the_preferred_of_two_names_is_taken_and_the_other_named(ours: NddModel,
 # --- the command ---
 
 
+@pytest.mark.full
 def test_the_command_writes_model_and_report_and_the_same_bytes_again(
     published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -157,6 +157,7 @@ def test_without_matplotlib_the_message_says_how_to_get_it(tmp_path: Path, monke
     assert not (tmp_path / "figures").exists()
 
 
+@pytest.mark.full
 @needs_matplotlib
 def test_figures_are_drawn_and_drawn_again_to_the_same_bytes(tmp_path: Path, model: NddModel) -> None:
     result = cornerforge.ndd_show(out=tmp_path / "f")

@@ -30,6 +30,7 @@ def found() -> Validation:
     return validate_readings(load_model(default_model_path()), readings)
 
 
+@pytest.mark.full
 def test_what_is_scored_was_held_out(found: Validation) -> None:
     files: Any = load_model(default_model_path()).provenance["files"]
     held_out = {file["name"]: file["decisions_held_out"] for file in files}

@@ -96,6 +96,7 @@ def test_slow_traffic_is_scored_by_the_law_alone(tmp_path: Path) -> None:
     assert any("table is not scored" in note for note in found.notes)
 
 
+@pytest.mark.full
 def test_a_model_without_a_stated_law_is_scored_on_its_grid_alone(tmp_path: Path) -> None:
     model = replace(shipped(), provenance={})
     found = validate(model, followers(tmp_path / "p.csv"))
@@ -105,6 +106,7 @@ def test_a_model_without_a_stated_law_is_scored_on_its_grid_alone(tmp_path: Path
         validate(model, followers(tmp_path / "slow.csv", speed=10.0))
 
 
+@pytest.mark.full
 def test_the_baseline_never_sees_what_is_scored(tmp_path: Path) -> None:
     path = followers(tmp_path / "p.csv")
     without = replace(shipped(), provenance={})  # a model that holds no IDMs of its own

@@ -78,6 +78,7 @@ def one_vehicle(seconds: int, name: int = 1) -> list[str]:
     return [f"{name},1,{tick / 10:.1f},{2.5 * tick:.1f},4.5" for tick in range(10 * seconds)]
 
 
+@pytest.mark.full
 def test_one_vehicle_gives_free_driving_and_says_what_is_missing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -108,6 +109,7 @@ def test_rows_whose_lane_is_not_known_are_refused_with_what_is_missing(tmp_path:
         fit_model([lanes_file(tmp_path / "unknown.csv", rows)], "tracks")
 
 
+@pytest.mark.full
 def test_few_drivers_are_said_to_be_few(tmp_path: Path) -> None:
     rows = [f"1,999,{t}.0,{25 + 0.3 * np.sin(t):.3f},25.0,{40 + np.cos(t):.3f}" for t in range(300)]
     path = tmp_path / "pairs.csv"

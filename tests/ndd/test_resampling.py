@@ -10,6 +10,8 @@ from statistical_bounds import rate_fits
 
 from cornerforge.ndd.resampling import bootstrap_mean, distance, owner_sums, resampled_weights
 
+pytestmark = pytest.mark.full
+
 
 def test_a_distance_by_hand() -> None:
     """All mass of bin 0 against half of it two bins on: Wasserstein 0.5 x 2 bins, Kolmogorov-Smirnov 0.5."""

@@ -42,6 +42,7 @@ def _difference(a: NddModel, b: NddModel, name: str) -> float:
     return float(np.abs(getattr(a, name) - getattr(b, name)).max() / getattr(b, name).max())
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", VARIATIONS)
 def test_a_variation_moves_what_it_names_and_factor_one_moves_nothing(model: NddModel, name: str) -> None:
     variation = VARIATIONS[name]
@@ -57,6 +58,7 @@ def test_a_variation_moves_what_it_names_and_factor_one_moves_nothing(model: Ndd
         assert _difference(same, model, table) < 2e-3, table
 
 
+@pytest.mark.full
 def test_many_at_once_are_the_same_as_one_after_the_other(model: NddModel, tmp_path: Path) -> None:
     """So they compose, in any order; the provenance of what comes out says the new constants, also from a file."""
     every = list(VARIATIONS.values())

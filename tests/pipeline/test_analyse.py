@@ -21,6 +21,8 @@ from cornerforge.drivers.careful import CAREFUL
 from cornerforge.errors import InputError, OutputError
 from cornerforge.results import Analysed, as_json
 
+pytestmark = pytest.mark.full
+
 
 @pytest.fixture(scope="module")
 def analysed(swerve_library: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Analysed, Path]:

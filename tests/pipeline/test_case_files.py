@@ -26,6 +26,8 @@ from cornerforge.pipeline.moving_cases import CRASH, NO_CRASH, UNKNOWN, library_
 from cornerforge.pipeline.retest import retest_text
 from cornerforge.world_options import WorldOptions
 
+pytestmark = pytest.mark.full
+
 
 def braking_leader(name: str = "braking", gap: float = 16.3, av: float = 4.6, lanes: int = 3) -> MovingCase:
     """The leader, a truck, brakes at 6 m/s2 to a stand; who was in the AV's seat kept 25 m/s."""

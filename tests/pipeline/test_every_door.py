@@ -15,6 +15,8 @@ from cornerforge.fields import CASES, SHORTFALL
 from cornerforge.library import CaseLibrary
 from cornerforge.library.shards import encode_tables
 
+pytestmark = pytest.mark.full
+
 NAMES = [column.name for column in CASES]
 BLIND = """
 import numpy as np

@@ -28,6 +28,8 @@ from cornerforge.pipeline.case_facts import CaseFacts
 from cornerforge.pipeline.case_files import drive_case
 from cornerforge.pipeline.export import has_rerun
 
+pytestmark = pytest.mark.full
+
 
 def ids_of(library: Path) -> list[str]:
     return list(CaseLibrary.open(library).scalars(["case_id"])["case_id"].to_pylist())

@@ -15,6 +15,8 @@ from cornerforge.errors import InputError, OutputError, UnknownNameError
 from cornerforge.library import CaseLibrary
 from cornerforge.report.printed import CAPTIONS
 
+pytestmark = pytest.mark.full
+
 
 @pytest.fixture
 def case(swerve_library: Path) -> str:

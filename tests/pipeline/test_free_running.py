@@ -35,6 +35,8 @@ from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.sim import statistics
 from cornerforge.sim.statistics import allocate_counts
 
+pytestmark = pytest.mark.full
+
 MILES = 5_000
 
 

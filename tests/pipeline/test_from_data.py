@@ -22,6 +22,8 @@ from cornerforge.pipeline.setting import RECORDED_AV, experiment
 from cornerforge.results import as_json, from_json
 from cornerforge.results.from_data import CasesFromData
 
+pytestmark = pytest.mark.full
+
 
 def queue(*, behind: float | None = None) -> list[Track]:
     """A car comes to a queue that stands, and brakes late but in time; another may follow it closely."""

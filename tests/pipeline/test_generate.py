@@ -35,6 +35,8 @@ from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.setting import cast_index
 from cornerforge.types import Odd
 
+pytestmark = pytest.mark.full
+
 generate_module = importlib.import_module("cornerforge.pipeline.generate")
 WHAT = ["case_id", "trajectory_digest", "crash_time_s", "log_prob_nde"]
 

@@ -15,6 +15,8 @@ from cornerforge.interchange.case_file import read_case_file
 from cornerforge.library import CaseLibrary
 from cornerforge.results.imported import ImportedCases
 
+pytestmark = pytest.mark.full
+
 
 @pytest.fixture(scope="module")
 def there_and_back(swerve_library: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[list[str], ImportedCases]:

@@ -21,6 +21,8 @@ from cornerforge.cli.output import compiling_text
 from cornerforge.errors import OutputError
 from cornerforge.pipeline.init import FILES
 
+pytestmark = pytest.mark.full
+
 run_module = importlib.import_module("cornerforge.pipeline.run")
 Capture = pytest.CaptureFixture[str]
 EXAMPLE = Path(__file__).parents[2] / "examples" / "my_av.py"

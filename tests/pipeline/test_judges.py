@@ -17,6 +17,8 @@ from cornerforge.pipeline.judges import has_way_out, judges_of
 from cornerforge.recordings import recordings_of_tracks
 from cornerforge.results import Analysed
 
+pytestmark = pytest.mark.full
+
 CASES = 120
 
 

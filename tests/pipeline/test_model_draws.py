@@ -23,6 +23,8 @@ from cornerforge.pipeline import model_draws
 from cornerforge.pipeline.rate_text import model_text
 from cornerforge.results import NaturalRate, as_json
 
+pytestmark = pytest.mark.full
+
 DRAWS = 6
 
 

@@ -36,6 +36,7 @@ def analysed(counted: tuple[Path, cornerforge.results.NaturalRate]) -> Analysed:
     return cornerforge.analyse(counted[0], avoidability=20)
 
 
+@pytest.mark.full
 def test_counted_cases_have_the_rates_that_were_counted(
     counted: tuple[Path, cornerforge.results.NaturalRate], analysed: Analysed
 ) -> None:
@@ -143,6 +144,7 @@ def test_cases_of_an_adversary_have_no_natural_rate(swerve_library: Path, capsys
     assert "purpose" in capsys.readouterr().err
 
 
+@pytest.mark.full
 def test_the_command_line_tells_how_often(
     counted: tuple[Path, cornerforge.results.NaturalRate], capsys: pytest.CaptureFixture[str]
 ) -> None:

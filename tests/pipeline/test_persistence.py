@@ -89,6 +89,7 @@ def drivers(rng: np.random.Generator, memory: float) -> list[Pairs]:
     return blocks
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("memory", [0.0, 0.5])
 def test_correlations_are_those_of_numpy(memory: float, seed: int) -> None:
     """The answer to the range rate, which is the same in both seconds, is no memory (0.1 is left within a class)."""

@@ -23,6 +23,8 @@ from cornerforge.pipeline.r157_scenarios import FAMILIES, Panel, panels, rails_o
 from cornerforge.results import Regulated
 from cornerforge.types import Odd
 
+pytestmark = pytest.mark.full
+
 VERDICTS = Path(__file__).parents[3] / "shared" / "data" / "r157" / "cut_in.csv.gz"
 COLUMN = {"cc-human": "crash_cc_human", "reg157": "crash_reg157", "rss-brake": "crash_rss", "fsm": "crash_fsm"}
 ROAD = road_of_r157(Odd())

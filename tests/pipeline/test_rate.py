@@ -25,6 +25,8 @@ from cornerforge.rates import binomial_interval
 from cornerforge.rates.monte_carlo import Block, MonteCarlo, relative_half_width
 from cornerforge.results import NaturalRate, as_json
 
+pytestmark = pytest.mark.full
+
 
 @pytest.fixture(scope="module")
 def world(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:

@@ -38,6 +38,8 @@ from cornerforge.results import Reproduced, as_json
 from cornerforge.sim.statistics import EXPOSURE
 from cornerforge.world_options import WorldOptions
 
+pytestmark = pytest.mark.full
+
 # Too short to learn anything (replay_start is 16,384): the yields are those of random weights.
 TINY = ReproduceEffort(
     decisions=1_024, bounded_decisions=1_024, seeds=2, trained_on=("idm-mobil",), rewards=("crash",), tests=96,

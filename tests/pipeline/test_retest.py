@@ -16,6 +16,8 @@ from cornerforge.errors import InputError, OutputError
 from cornerforge.library import CaseLibrary
 from cornerforge.results import Retested
 
+pytestmark = pytest.mark.full
+
 HEEDLESS = """
 import numpy as np
 

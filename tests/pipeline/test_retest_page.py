@@ -21,6 +21,8 @@ from cornerforge.report.text import signed
 from cornerforge.results import Retested
 from cornerforge.world_options import WorldOptions
 
+pytestmark = pytest.mark.full
+
 NEW = "idm-mobil-d2rl"
 
 

@@ -23,6 +23,8 @@ from cornerforge.pipeline.setting import experiment
 from cornerforge.report.artefacts import read_artefacts
 from cornerforge.results import RunDone, as_json
 
+pytestmark = pytest.mark.full
+
 run_module = importlib.import_module("cornerforge.pipeline.run")
 
 # Beyond replay_start of preset `fast`, so that it learns a little; enough to crash now and then.

@@ -28,6 +28,8 @@ from cornerforge.sim.recorder import scenario_digest
 from cornerforge.sim.scripted import NATURAL, START_FIELDS, Script, ScriptDriver, scripted_start
 from cornerforge.sim.world import numbers_of_av
 
+pytestmark = pytest.mark.full
+
 SIZES = ("vehicles", "decisions", "seconds", "deviating_actions")
 
 

@@ -23,6 +23,7 @@ def without_times(result: Simulated) -> Simulated:
     return replace(result, seconds=0.0, world_steps_per_second=0.0, tests_per_second=0.0)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("bv", ["nde", "idm", "uniform", "lane-changer", "swerve"])
 def test_the_result_does_not_depend_on_threads(bv: str) -> None:
     one, two = (cornerforge.simulate(tests=700, bv=bv, seed=3, threads=n, stats=True) for n in (1, 2))
@@ -85,6 +86,7 @@ def test_other_numbers_of_lanes(lanes: int) -> None:
     assert r.digest != cornerforge.simulate(tests=60).digest
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("bv", ["swerve", "uniform", "nde"])  # most, few and no tests crash
 def test_out_stores_the_crashes_that_are_counted(bv: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plain = cornerforge.simulate(tests=600, bv=bv, seed=2, stats=True)
@@ -109,6 +111,7 @@ def test_out_stores_the_crashes_that_are_counted(bv: str, tmp_path: Path, monkey
     assert library.finished
 
 
+@pytest.mark.full
 def test_more_tests_go_on_in_the_same_library(tmp_path: Path) -> None:
     cornerforge.simulate(tests=200, bv="swerve", out=tmp_path / "a")
     two = cornerforge.simulate(tests=500, bv="swerve", out=tmp_path / "a", resume=True)

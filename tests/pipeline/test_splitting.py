@@ -18,6 +18,8 @@ from cornerforge.pipeline.splitting import pick
 from cornerforge.rates import binomial_interval
 from cornerforge.results import NaturalRate
 
+pytestmark = pytest.mark.full
+
 SIGMAS = 5.0
 """A right estimate is further off with a chance of 6e-7."""
 

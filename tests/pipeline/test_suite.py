@@ -13,6 +13,8 @@ from cornerforge.errors import InputError, OutputError
 from cornerforge.library import CaseLibrary
 from cornerforge.results import SuiteBuilt
 
+pytestmark = pytest.mark.full
+
 ZOO = ("idm-mobil", "idm-mobil-d2rl", "rss-cautious", "flawed-not-left")
 
 

@@ -20,6 +20,8 @@ from cornerforge.ndd.model import default_model_path, load_model, save_model
 from cornerforge.pipeline.train import load_timed_policy
 from cornerforge.results import Trained, as_json
 
+pytestmark = pytest.mark.full
+
 KNOWN = {
     "decisions", "seconds", "crashes_per_test", "interval95", "tests", "out", "baselines", "policy_hash", "reward",
     "avoidable_per_test", "avoidable_interval95", "striking_share", "striking_interval95",

@@ -18,6 +18,8 @@ from cornerforge.rates.intervals import binomial_interval
 from cornerforge.results import TrainedAv
 from cornerforge.sim.av_features import AV_FEATURES_VERSION, N_AV_FEATURES
 
+pytestmark = pytest.mark.full
+
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, TrainedAv]:

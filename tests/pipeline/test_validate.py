@@ -22,6 +22,8 @@ from cornerforge.ndd import default_model_path, load_model, save_model
 from cornerforge.pipeline.validate import validation_text
 from cornerforge.results import NddValidated, as_json, from_json
 
+pytestmark = pytest.mark.full
+
 HEADER = "period,follower,leader,t_s,v_mps,vl_mps,gap_m,split"
 FACT_KEYS = {
     "theme", "when", "fact", "unit", "published", "source", "found", "n", "interval95", "allowed", "within",

@@ -17,6 +17,8 @@ from cornerforge.pipeline.plausibility import plausibility_text
 from cornerforge.pipeline.variety import variety_text
 from cornerforge.results import Plausibility, as_json
 
+pytestmark = pytest.mark.full
+
 
 def test_a_librarys_row_counts_its_cases(swerve_library: Path, tmp_path: Path) -> None:
     cornerforge.simulate(tests=5, out=tmp_path / "empty")

@@ -68,6 +68,7 @@ def analysed(folder: Path, reward: str) -> dict[int, tuple[bool, bool]]:
     return {int(row["case_id"].partition(":")[2]): paid(row) for row in rows}
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("reward", BY_CASE)
 def test_a_crash_is_paid_for_as_an_analysis_says(reward: str, library: tuple[dict[str, Any], Path]) -> None:
     world, folder = library
@@ -157,6 +158,7 @@ def test_a_yield_counts_what_is_paid_for() -> None:
     assert by_kernels.crashes_per_test == found.crashes_per_test
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("bounded", [False, True])
 def test_train_says_what_was_paid_for(bounded: bool, tmp_path: Path) -> None:
     found = cornerforge.train(

@@ -51,6 +51,8 @@ from cornerforge.sim.scripted import TRAITS
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import allocate_worlds, world_of
 
+pytestmark = pytest.mark.full
+
 PROBLEMS = {"chain": chain, "cut-in": cut_in}
 EVERY = pytest.mark.parametrize(("problem", "method"), [(p, m) for p in PROBLEMS for m in METHODS])
 LONG = pytest.param("is", marks=pytest.mark.slow)

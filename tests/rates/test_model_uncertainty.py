@@ -25,6 +25,8 @@ from cornerforge.rates.model_uncertainty import (
 )
 from cornerforge.rates.weighted import weighted_rate
 
+pytestmark = pytest.mark.full
+
 RATE = 3e-7
 Z95 = 1.959963984540054
 

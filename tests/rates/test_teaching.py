@@ -30,6 +30,7 @@ class Noted:
         BUILT_IN_GROWER(seed, first, forest, roots)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("stand_in", [False, True])
 def test_a_stand_in_teaches_where_to_look_and_is_forgotten(stand_in: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     teaching = importlib.import_module("cornerforge.rates.teaching")

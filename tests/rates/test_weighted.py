@@ -64,6 +64,7 @@ def test_intervals_cover(seed: int) -> None:
     assert not rate_fits(wrong, runs, 0.95), "a mean 10 % off would not be seen"
 
 
+@pytest.mark.full
 def test_who_looks_all_the_time_is_wrong_seldom_with_the_always_valid_interval(seed: int) -> None:
     rng, runs, n = np.random.default_rng([seed, 1]), 300, 60_000
     looks = np.unique(np.geomspace(6_000, n, 30).astype(int))

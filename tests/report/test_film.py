@@ -48,6 +48,7 @@ def has(picture: NDArray[np.uint8], colour: tuple[int, int, int]) -> bool:
     return bool((np.abs(picture.astype(int) - colour) <= 20).all(axis=-1).sum() > 40)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("name", "codec"), [("a.mp4", "h264"), ("b.WEBM", "vp9")])
 def test_a_film_in_real_time(scenario: Scenario, tmp_path: Path, name: str, codec: str) -> None:
     path = film(scenario, tmp_path / "new" / name, title="Case 0:3", sentence="BV cuts in", seconds=1.0)
@@ -70,6 +71,7 @@ def test_a_film_in_real_time(scenario: Scenario, tmp_path: Path, name: str, code
     assert name.endswith("WEBM") or path.read_bytes().index(b"moov") < path.read_bytes().index(b"mdat")
 
 
+@pytest.mark.full
 def test_a_gif_plays_as_long_and_keeps_its_colours(scenario: Scenario, tmp_path: Path) -> None:
     path = film(scenario, tmp_path / "a.gif", title="Case 0:3", seconds=1.0)
     with Image.open(path) as gif:
@@ -86,6 +88,7 @@ def test_a_gif_plays_as_long_and_keeps_its_colours(scenario: Scenario, tmp_path:
     assert again.read_bytes() == path.read_bytes()
 
 
+@pytest.mark.full
 def test_the_way_out_is_seen_where_there_is_one(scenario: Scenario, tmp_path: Path) -> None:
     n = 12
     x = scenario.x[-6, 0] - 6.0 + 3.0 * np.arange(n)

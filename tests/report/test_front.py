@@ -58,6 +58,7 @@ def front_in(folder: Path) -> Front:
     return front_of(_known(read_artefacts(folder)))
 
 
+@pytest.mark.full
 def test_the_case_to_watch_first_is_of_the_most_frequent_kind_that_a_careful_driver_prevents(
     natural_run_folder: Path,
 ) -> None:
@@ -249,6 +250,7 @@ def test_it_fits_without_private_words(natural_run_folder: Path) -> None:
         assert not [text for text in words if re.search(rf"\b{private}\b", text)], private
 
 
+@pytest.mark.full
 def test_everything_has_a_name(natural_run_folder: Path) -> None:
     page = Page(write_report(natural_run_folder))
     text = write_report(natural_run_folder).read_text(encoding="utf-8")

@@ -17,6 +17,8 @@ from cornerforge.errors import FileFormatError, InputError
 from cornerforge.ndd import default_model_path, load_model, save_model
 from cornerforge.report.text import miles
 
+pytestmark = pytest.mark.full
+
 
 def test_the_page_of_an_adversarys_library(tmp_path: Path) -> None:
     filled = cornerforge.generate(policy="swerve", cases=40, out=tmp_path / "lib", seed=5)

@@ -54,6 +54,7 @@ def change(file: Path, **values: Any) -> None:
     edit_object(file, **values)
 
 
+@pytest.mark.full
 def test_the_page_fetches_nothing(run_folder: Path) -> None:
     file = write_report(run_folder)
     made = Page(file)
@@ -71,6 +72,7 @@ def test_the_page_fetches_nothing(run_folder: Path) -> None:
     assert page.CASE_BYTES < 4_000_000, "beside plotly (4.9 MB) and points there is room for no more"
 
 
+@pytest.mark.full
 def test_only_the_scripts_of_the_page_may_run(run_folder: Path) -> None:
     made = Page(write_report(run_folder))
     policy = next(a["content"] for tag, a in made.tags if tag == "meta" and a.get("http-equiv"))
@@ -97,6 +99,7 @@ def _touches(case: dict[str, Any], frame: int) -> bool:
     return bool(boxes_overlap(_box(av, frame), _box(partner, frame)))
 
 
+@pytest.mark.full
 def test_boxes_touch_at_the_crash_and_not_before(run_folder: Path) -> None:
     cases = Page(write_report(run_folder)).data("cases")
     assert len(cases) > 5
@@ -144,6 +147,7 @@ def test_the_top_is_a_table_that_plays(run_folder: Path) -> None:
     assert widths == [f"--part: {round(100 * case[name])}%" for case in top for name in PARTS]
 
 
+@pytest.mark.full
 def test_the_first_sentence_says_what_the_av_does_wrong(run_folder: Path) -> None:
     own = analysis_of(run_folder)["own_doing"]
     made = Page(write_report(run_folder))
@@ -158,6 +162,7 @@ def test_a_verdict_tells_the_own_doing_of_the_av() -> None:
     assert "own doing, from 1.4 s before contact: it brakes for a vehicle ahead more than 0.8 s" in verdict(known)
 
 
+@pytest.mark.full
 def test_shares_stand_with_their_intervals(run_folder: Path) -> None:
     analysis = analysis_of(run_folder)
     known, grid = analysis["avoidability"], analysis["coverage"]
@@ -181,6 +186,7 @@ def test_shares_stand_with_their_intervals(run_folder: Path) -> None:
     assert figures["discovery"]["data"][0]["y"][-1] == len(grid["cells"])
 
 
+@pytest.mark.full
 def test_every_empty_kind_is_visible(run_folder: Path) -> None:
     grid = analysis_of(run_folder)["coverage"]
     made = Page(write_report(run_folder))
@@ -195,6 +201,7 @@ def _state(vehicle: dict[str, Any], frame: int) -> list[float]:
     return [vehicle[key][frame - vehicle["from"]] for key in ("x", "y", "h", "v")]
 
 
+@pytest.mark.full
 def test_the_way_out_leaves_the_recording_and_touches_nobody(run_folder: Path) -> None:
     cases = [case for case in Page(write_report(run_folder)).data("cases") if case["wayOut"]]
     assert len(cases) > 5
@@ -209,6 +216,7 @@ def test_the_way_out_leaves_the_recording_and_touches_nobody(run_folder: Path) -
                     assert not boxes_overlap(_box(way, frame, 4e-3), _box(other, frame, 4e-3))
 
 
+@pytest.mark.full
 def test_verdicts_say_what_the_analysis_found(run_folder: Path) -> None:
     rows = {row["case_id"]: row for row in pq.read_table(run_folder / "analysis" / "cases.parquet").to_pylist()}
     for case in Page(write_report(run_folder)).data("cases"):
@@ -223,6 +231,7 @@ def test_verdicts_say_what_the_analysis_found(run_folder: Path) -> None:
             assert f"{row['latest_any_s']:.1f} s before contact" in case["verdict"]
 
 
+@pytest.mark.full
 def test_one_time_for_the_last_way_out(run_folder: Path) -> None:
     """Column, sentence, verdict, picture and player, for every case: once nine of the top ten had two."""
     rows = pq.read_table(run_folder / "analysis" / "cases.parquet").to_pylist()
@@ -278,6 +287,7 @@ def test_a_verdict_tells_the_kinds_of_no_way_out_apart(
     assert words in verdict(known)
 
 
+@pytest.mark.full
 def test_without_a_search_for_ways_out_the_page_says_so(run_folder: Path) -> None:
     shutil.rmtree(run_folder / "analysis")
     analyse(run_folder / "library", out=run_folder / "analysis", avoidability="none")
@@ -357,6 +367,7 @@ def test_no_natural_crash_is_a_bound(run_folder: Path) -> None:
     assert bound["marker"]["symbol"] == "triangle-left"
 
 
+@pytest.mark.full
 def test_natural_kinds_and_cases_come_first(natural_run_folder: Path) -> None:
     found = Page(write_report(natural_run_folder))
     told = json.loads((natural_run_folder / "summary.json").read_text(encoding="utf-8"))["natural_cases"]

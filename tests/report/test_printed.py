@@ -15,6 +15,8 @@ from cornerforge.report.figures import Figure
 from cornerforge.report.page import charts_of
 from cornerforge.report.printed import CAPTIONS, print_chart
 
+pytestmark = pytest.mark.full
+
 
 @pytest.fixture
 def charts(run_folder: Path) -> dict[str, Figure]:

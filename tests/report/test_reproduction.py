@@ -16,6 +16,8 @@ from cornerforge.paper.registry import ITEMS
 from cornerforge.report import write_reproduction
 from cornerforge.report.reproduction import RENDERERS
 
+pytestmark = pytest.mark.full
+
 TYPES = {"rear-end by AV": 1, "rear-end by BV": 3, "head-on": 0, "sideswipe": 6, "angle": 0}
 
 

@@ -67,6 +67,7 @@ def test_moments_that_cannot_be_shown(scenario: Scenario, times: list[float], wh
         key_moments(replace(scenario, crash=None), {})
 
 
+@pytest.mark.full
 def test_a_pdf_for_print(scenario: Scenario) -> None:
     def drawn() -> Any:
         return print_of(strip_figure(scenario, [1.0, 0.0], width=3.5), ".pdf")

@@ -84,6 +84,7 @@ def a_file(content: Any) -> JsonFile:
 LARGE = settings(suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large], max_examples=20)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("kind", KINDS)
 @LARGE
 @given(data=st.data())
@@ -99,6 +100,7 @@ def wrong_for(kind: Any) -> Any:
     return 7 if bool in (kind, *get_args(kind)) else True
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("kind", KINDS)
 @LARGE
 @given(data=st.data())

@@ -55,6 +55,7 @@ def constant_policy(favourite: int) -> PolicyNumbers:
     return PolicyNumbers(weights, shape.n_inputs, shape.n_shared, shape.n_stream, shape.width)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("allowed", [list(range(33)), [0, 1, 5, 30], [2, 3, 4], [17]])
 def test_uniform_takes_any_allowed_action_alike(allowed: list[int]) -> None:
     # H0: independent uniform draws; n = 50,000 sees an L1 error of 0.04.
@@ -134,6 +135,7 @@ def valued_policy(values: np.ndarray) -> PolicyNumbers:
     return PolicyNumbers(weights, shape.n_inputs, shape.n_shared, shape.n_stream, shape.width)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("allowed", [list(range(33)), [0, 1, 5, 30], [17]])
 @pytest.mark.parametrize("temperature", [0.0, 0.1, 1.0])
 def test_a_policy_draws_by_its_values_among_the_allowed(allowed: list[int], temperature: float) -> None:

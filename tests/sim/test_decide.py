@@ -199,6 +199,7 @@ WORLDS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", sorted(WORLDS))
 def test_frequencies_match_the_probabilities(reckless: NddModel, name: str) -> None:
     # H0: the action of slot 1 is an independent draw of `action_probabilities`; unit: a test; n = 100,000 sees 0.027.

@@ -112,6 +112,7 @@ def test_a_part_of_a_script_is_the_rest_of_it(run: Experiment, rails: Rails) -> 
     np.testing.assert_allclose(rest.x[:, 0], whole.x[20:, 0], atol=1e-9)
 
 
+@pytest.mark.full
 def test_an_av_from_outside_is_set_to_the_speed_and_drives_the_same_as_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rails: Rails
 ) -> None:

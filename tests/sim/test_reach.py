@@ -93,6 +93,7 @@ def test_who_is_noted_as_the_avs_neighbour_is_it_all_second(model: NddModel) -> 
     assert 300 < noted < 800, f"{noted} of 900 lanes are noted"
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["default", "swift", "paper"])
 def test_whoever_may_be_seen_in_a_lane_is_looked_at(model: NddModel, name: str) -> None:
     """Many change lanes, some of them turn back: who is the AV's nearest must be among those whose state is current."""

@@ -48,6 +48,7 @@ def assert_equal(a: Outcomes, b: Outcomes) -> None:
         np.testing.assert_array_equal(left, right)
 
 
+@pytest.mark.sampled(1)
 def test_threads_and_chunks_do_not_matter(setting: Setting) -> None:
     alone = outcomes(setting)
     assert np.unique(alone.distance).size > 20
@@ -74,6 +75,7 @@ def test_a_recording_ends_as_the_bulk_run_does(setting: Setting) -> None:
         assert crashed == (batch.code[k] == AV_CRASH)
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("odd", ["default", "swift", "paper"])
 @pytest.mark.parametrize("av", ["idm-mobil", "idm-mobil-blind", "idm-mobil-watchful", "rss-cautious"])
 @pytest.mark.parametrize("adversary", [None, "lane-changer", "swerve"])

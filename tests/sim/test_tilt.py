@@ -17,6 +17,8 @@ from cornerforge.sim.forest import Plan, Tilt, tree_of
 from cornerforge.sim.world import n_slots
 from cornerforge.types import Odd
 
+pytestmark = pytest.mark.full
+
 ODD = Odd()
 SLOTS = n_slots(ODD)
 SIGMAS = 5.0

@@ -40,6 +40,8 @@ from cornerforge.sim.trees import grow_range
 from cornerforge.sim.world import MAX_BRANCH, RUNNING, World, allocate_worlds, moment_of, n_slots, world_of
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, Odd
 
+pytestmark = pytest.mark.full
+
 ODD = Odd()
 SLOTS = n_slots(ODD)
 ODD_DECISIONS = road_numbers(ODD).max_decisions
