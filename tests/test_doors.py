@@ -246,7 +246,7 @@ def test_the_collector_of_training(bounded: bool) -> None:
     assert actors.finished["tests"][0] >= TESTS
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.full
 @EVERY
 def test_an_av_in_a_process_of_its_own(bvs: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tests = Path(__file__).parent

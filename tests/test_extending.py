@@ -237,6 +237,7 @@ FORGOTTEN: dict[str, tuple[str, str, str, str]] = {
 """What can be forgotten: file, text, the text without it, and what the error says."""
 
 
+@pytest.mark.full
 def test_what_is_forgotten_is_an_error_that_names_it(scratch: Path, tmp_path: Path) -> None:
     """At import, so whatever the stranger starts first tells it."""
     copy = tmp_path / "cornerforge"

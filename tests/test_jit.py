@@ -359,6 +359,34 @@ print(left(3.0), right(3.0), *(sum(k.stats.cache_misses.values()) for k in (left
 """
 
 
+def asked_of(cache: Path, place: Path, edited: dict[str, str]) -> str:
+    """Values of the kernels of sources in a folder, and how many of them were compiled."""
+    (place / "rooms").mkdir(parents=True, exist_ok=True)
+    for name, source in {**ROOMS, **edited}.items():
+        (place / "rooms" / name).write_text(source, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", ASKED], capture_output=True, text=True, check=True,
+        env={
+            "PYTHONPATH": os.pathsep.join([str(place), str(Path(__file__).parents[1] / "src")]),
+            "NUMBA_CACHE_DIR": str(cache),
+        },
+    )  # fmt: skip
+    return done.stdout.strip()
+
+
+@pytest.fixture
+def rooms(machine_code_of_rooms: Path, tmp_path: Path) -> Path:
+    """A copy of the machine code of the sources as they stand."""
+    return shutil.copytree(machine_code_of_rooms, tmp_path / "cache")
+
+
+@pytest.fixture(scope="module")
+def machine_code_of_rooms(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    cache = tmp_path_factory.mktemp("rooms") / "cache"
+    assert asked_of(cache, tmp_path_factory.mktemp("first"), {}) == "7.0 11.0 1 1 1"
+    return cache
+
+
 @pytest.mark.parametrize(
     ("room", "old", "new", "said"),
     [
@@ -372,28 +400,16 @@ print(left(3.0), right(3.0), *(sum(k.stats.cache_misses.values()) for k in (left
     ],
 )
 def test_an_edit_costs_exactly_the_kernels_that_reach_it(
-    room: str, old: str, new: str, said: str, tmp_path: Path
+    rooms: Path, room: str, old: str, new: str, said: str, tmp_path: Path
 ) -> None:
-    """Programs with the same sources in another place, and edited ones, ask for the machine code of the first."""
+    assert asked_of(rooms, tmp_path / "edited", {room: ROOMS[room].replace(old, new)}) == said
 
-    def ask(place: Path, edited: bool) -> str:
-        (place / "rooms").mkdir(parents=True)
-        for name, source in ROOMS.items():
-            text = source.replace(old, new) if edited and name == room else source
-            (place / "rooms" / name).write_text(text, encoding="utf-8")
-        done = subprocess.run(
-            [sys.executable, "-B", "-c", ASKED], capture_output=True, text=True, check=True,
-            env={
-                "PYTHONPATH": os.pathsep.join([str(place), str(Path(__file__).parents[1] / "src")]),
-                "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
-            },
-        )  # fmt: skip
-        return done.stdout.strip()
 
-    assert ask(tmp_path / "first", edited=False) == "7.0 11.0 1 1 1"
-    assert ask(tmp_path / "clone", edited=False) == "7.0 11.0 0 0 0"
-    assert ask(tmp_path / "edited", edited=True) == said
-    assert ask(tmp_path / "back", edited=False) == "7.0 11.0 0 0 0"
+def test_the_same_sources_in_another_place_cost_nothing(rooms: Path, tmp_path: Path) -> None:
+    """A clone, and a branch that is switched back."""
+    assert asked_of(rooms, tmp_path / "clone", {}) == "7.0 11.0 0 0 0"
+    asked_of(rooms, tmp_path / "branch", {"low.py": ROOMS["low.py"].replace("2.0", "7.0")})
+    assert asked_of(rooms, tmp_path / "branch", {}) == "7.0 11.0 0 0 0"
 
 
 def test_a_global_whose_content_cannot_be_told_is_an_error() -> None:

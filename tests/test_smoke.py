@@ -37,7 +37,6 @@ SMOKE: dict[str, set[str]] = {
     "simulate --tests 200 --stats": SIMULATED | {"distributions", "world_steps", "tests_per_second"},
     "rate --method mc --av flawed-not-behind --max-tests 300 --out r": RATE | {"effective_sample_size", "acceleration"},
     "rate --method splitting --av flawed-not-behind --max-tests 6000": RATE,
-    "rate --method is --av flawed-not-behind --max-tests 6000": RATE,
     "train --decisions 1024 --tests 50 --out p.safetensors": {"decisions", "seconds", "crashes_per_test", "interval95"},
     "train-av --decisions 1024 --tests 50 --out a.safetensors": {"decisions", "out"},
     "generate --policy swerve --cases 4 --out lib": {"cases", "tests", "crashes_per_test", "interval95", "library"},

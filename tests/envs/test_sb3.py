@@ -69,6 +69,7 @@ def small_dqn() -> DQN:
     return model.learn(200)
 
 
+@pytest.mark.full
 def test_the_policy_file_has_the_networks_values(small_dqn: DQN, tmp_path: Path, seed: int) -> None:
     path = tmp_path / "dqn.safetensors"
     save_policy(policy_of_sb3(small_dqn, bounded=True), path)

@@ -114,6 +114,7 @@ def test_a_study_fits_each_choice_once_and_scores_the_same_decisions(study: tupl
     assert weaker["table"] != fitted["table"]
 
 
+@pytest.mark.full
 def test_a_shorter_window_leaves_more_noise_in_the_spread(study: tuple[Mapping[str, Any], ...]) -> None:
     sd = {row["variant"]: row["probes"][0][1] for row in study}
     assert sd["smoothing windows x 0.6"] > sd["as fitted"]

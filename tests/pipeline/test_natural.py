@@ -64,6 +64,7 @@ def test_counted_cases_have_the_rates_that_were_counted(
     assert 0.0 < natural.serious_injuries.share < analysed.severity["av_injury_probability"]["99"]
 
 
+@pytest.mark.full
 def test_typical_cases_of_what_happens_most_come_first(
     counted: tuple[Path, cornerforge.results.NaturalRate], analysed: Analysed
 ) -> None:
