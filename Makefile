@@ -15,6 +15,9 @@ DOCS := .venv-docs/.stamp-setup
 BROWSER := .venv/.stamp-browser
 WEB := src/cornerforge/explorer/static/index.html
 WHEEL := .venv-wheel
+# The wheel holds machine code for two kinds of x86-64, so that a first start compiles nothing; without: make wheel MACHINE_CODE=
+MACHINE_CODE ?= yes
+export CORNERFORGE_MACHINE_CODE := $(if $(MACHINE_CODE),$(CURDIR)/build/machine-code)
 PIP := -m pip -qq --disable-pip-version-check
 SCRIPTS := $(wildcard benchmarks/*.py docs/_site/*.py examples/*.py supply/*.py)
 LINTED := src tests $(SCRIPTS)
@@ -111,6 +114,7 @@ docs: $(DOCS) ## build the documentation as a site that loads nothing from elsew
 # The tests run from the unpacked source archive, without its src/: what they import can only be the installed wheel.
 wheel: $(SETUP) $(AUDIT) $(WEB) ## build the source archive and the wheel, and try them in an environment of their own: dist/
 	@rm -rf build dist $(WHEEL)
+	@$(if $(MACHINE_CODE),$(BIN)/python supply/kernels.py build/machine-code)
 	@PIP_CONSTRAINT=constraints.txt $(BIN)/python -m build --outdir dist . >build.log 2>&1 || { cat build.log; exit 1; }
 	@PIP_CONSTRAINT=constraints.txt $(BIN)/python -m build --wheel --outdir build/direct . >build.log 2>&1 || { cat build.log; exit 1; }
 	@rm build.log

@@ -93,6 +93,7 @@ def finish_wheel(wheel: Path, when: int) -> None:
     """Write a wheel again: with the bill of materials, sorted, all files of one time, readable and not executable."""
     with zipfile.ZipFile(wheel) as opened:
         files = {name: opened.read(name) for name in opened.namelist() if not name.endswith("/")}
+    files |= machine_code()
     record = next(name for name in files if name.endswith(".dist-info/RECORD"))
     info = record.removesuffix("RECORD")
     files[info + BOM] = bom_text(bill_of_materials(ROOT, when))
@@ -107,6 +108,13 @@ def finish_wheel(wheel: Path, when: int) -> None:
             entry.external_attr = (stat.S_IFREG | 0o644) << 16
             entry.compress_type = zipfile.ZIP_DEFLATED
             packed.writestr(entry, files[name])
+
+
+def machine_code() -> dict[str, bytes]:
+    """Read what `supply/kernels.py FOLDER` compiled, if CORNERFORGE_MACHINE_CODE names that folder."""
+    folder = os.environ.get("CORNERFORGE_MACHINE_CODE")
+    found = sorted(Path(folder).glob("*.nbc")) if folder else []
+    return {f"cornerforge/kernels/{file.name}": file.read_bytes() for file in found}
 
 
 def _digest(content: bytes) -> str:

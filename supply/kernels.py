@@ -1,22 +1,26 @@
-"""Compile what commands need, once, on all cores: `make kernels`, before tests and in wheels.
+"""Compile what commands need, once, on all cores: `make kernels`, before tests; with a folder, for a wheel.
 
 Each job is a program of its own that calls verbs with small numbers; the kernels that they reach are then kept
 (`cornerforge._kernel_cache`). A job that was done for the same sources, processor and Numba is not done again.
+
+python supply/kernels.py [FOLDER]: with FOLDER, for the processors of `SHIPPED`, and copied there.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
 
-from cornerforge._kernel_cache import cache_folder, target
+from cornerforge._kernel_cache import SHIPPED, cache_folder, target
 from cornerforge.execution import code_hash
 
+ROOT = Path(__file__).parents[1]
 JOBS = {
     "bulk": """
 cornerforge.simulate(tests=20, stats=True)
@@ -45,8 +49,20 @@ with small_trees():
 cornerforge.import_cases([sys.argv[2] + "/interchange/data/cut_in.xosc"], out="imported")
 """,
 }  # fmt: skip
+_TAIL = """
+open("used.txt", "w").write("\\n".join(sorted(used)))
+"""
 _HEAD = """
 import os, sys
+from cornerforge._kernel_cache import KernelCache, target
+used = set()
+name_of = KernelCache._name
+def noted(self, sig, made_for):
+    name = name_of(self, sig, made_for)
+    if made_for == target():
+        used.add(name)
+    return name
+KernelCache._name = noted
 os.chdir(sys.argv[1])
 sys.path.insert(0, sys.argv[2])
 import cornerforge
@@ -54,36 +70,47 @@ from fuzz.seeds import small_trees
 """
 
 
-def main() -> int:
-    """Run the jobs beside each other; say how long it took."""
-    folder = Path(cache_folder())
-    told = f"{code_hash()} {target()} {JOBS}"
-    stamp = folder / f"all-{hashlib.sha256(told.encode()).hexdigest()[:16]}.stamp"
-    if stamp.exists():
-        return 0
-    print("Compiling the simulator (once for these sources)", file=sys.stderr)
-    begin = time.monotonic()
-    tests = Path(__file__).parents[1] / "tests"
-    with tempfile.TemporaryDirectory() as work:
-        running = []
-        for name, job in JOBS.items():
-            place = Path(work) / name
-            place.mkdir()
-            running.append(
-                subprocess.Popen(
-                    [sys.executable, "-c", _HEAD + job, str(place), str(tests)],
-                    stdout=subprocess.DEVNULL,
-                    env={**os.environ, "PYTHONWARNINGS": "ignore"},
-                )
-            )
-        failed = [name for name, one in zip(JOBS, running, strict=True) if one.wait() != 0]
+def compiled(processor: str | None) -> list[Path]:
+    """Compile for a processor, this one by default, if that was not done yet; return the files of machine code."""
+    told = f"{code_hash()} {target()} {processor} {JOBS}"
+    stamp = Path(cache_folder()) / f"all-{hashlib.sha256(told.encode()).hexdigest()[:16]}.stamp"
+    if not stamp.exists():
+        print(f"Compiling the simulator{f' for {processor}' if processor else ''} (once)", file=sys.stderr)
+        begin = time.monotonic()
+        with tempfile.TemporaryDirectory() as work:
+            used = _run(Path(work), processor)
+        stamp.write_text("\n".join(sorted(used)), encoding="utf-8")
+        print(f"Compiled in {time.monotonic() - begin:.0f} s", file=sys.stderr)
+    return [stamp.parent / name for name in stamp.read_text(encoding="utf-8").split()]
+
+
+def _run(work: Path, processor: str | None) -> set[str]:
+    """Run the jobs beside each other; return the names of the files that they used."""
+    surroundings = {**os.environ, "PYTHONWARNINGS": "ignore"}
+    if processor:
+        surroundings |= {"NUMBA_CPU_NAME": processor, "NUMBA_CPU_FEATURES": ""}
+    running = []
+    for name, job in JOBS.items():
+        (work / name).mkdir()
+        words = [sys.executable, "-c", _HEAD + job + _TAIL, str(work / name), str(ROOT / "tests")]
+        running.append(subprocess.Popen(words, stdout=subprocess.DEVNULL, env=surroundings))
+    failed = [name for name, one in zip(JOBS, running, strict=True) if one.wait() != 0]
     if failed:
-        print(f"Not all was compiled: {', '.join(failed)}; what needs it will compile it.", file=sys.stderr)
-        return 1
-    stamp.touch()
-    print(f"Compiled in {time.monotonic() - begin:.0f} s", file=sys.stderr)
-    return 0
+        sys.exit(f"Not all was compiled: {', '.join(failed)}")
+    return {line for name in JOBS for line in (work / name / "used.txt").read_text(encoding="utf-8").split()}
+
+
+def main() -> None:
+    """Compile for this processor or, with a folder, for those of wheels."""
+    if len(sys.argv) == 1:
+        compiled(None)
+        return
+    place = Path(sys.argv[1])
+    place.mkdir(parents=True)
+    for processor in SHIPPED:
+        for file in compiled(processor):
+            shutil.copy(file, place)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -24,7 +24,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import llvmlite  # type: ignore[import-untyped]
+import llvmlite.binding  # type: ignore[import-untyped]
 import numba
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
@@ -33,7 +33,7 @@ from cornerforge._files import read_bytes, writing
 from cornerforge._kernel_content import content_hash
 from cornerforge._kernel_parts import load_shared, shared_of
 
-__all__ = ["KernelCache", "cache_folder", "read_folders", "target"]
+__all__ = ["SHIPPED", "KernelCache", "cache_folder", "read_folders", "shipped_targets", "target"]
 
 _UNUSED_DAYS = 30.0
 _TOUCH_DAYS = 1.0
@@ -41,6 +41,13 @@ _DAY = 86400.0
 _TOLD: list[str] = []
 _FOLDER = "kernels"
 _ENDING = ".nbc"
+_FORM = 2
+"""Version of what a file holds."""
+SHIPPED = {
+    "x86-64-v3": ("avx", "avx2", "bmi", "bmi2", "cx16", "f16c", "fma", "lzcnt", "movbe", "popcnt", "sahf", "sse4.2"),
+    "generic": (),
+}
+"""Processors that a wheel may hold machine code for, by LLVM's names, with the features of each that are asked for."""
 _PACKAGE = Path(__file__).parent
 
 
@@ -97,9 +104,25 @@ def target() -> str:
     """Tell what machine code is made by and for: processor, Numba, LLVM, level of optimisation and Python."""
     from numba.core.registry import cpu_target
 
+    return _told(*cpu_target.target_context.codegen().magic_tuple())
+
+
+def _told(system: str, processor: str, features: str) -> str:
     optimised = numba.config.OPT  # type: ignore[attr-defined]
-    magic = cpu_target.target_context.codegen().magic_tuple()
-    return f"{magic} {numba.__version__} {llvmlite.__version__} {optimised} {sys.implementation.cache_tag}"
+    made_by = f"{_FORM} {numba.__version__} {llvmlite.__version__} {optimised} {sys.implementation.cache_tag}"
+    return f"{system} {processor} {features} {made_by}"
+
+
+@functools.cache
+def shipped_targets() -> list[str]:
+    """List the targets of machine code in the package that runs on this processor, the quickest first."""
+    if not (_PACKAGE / _FOLDER).is_dir():
+        return []
+    from numba.core.registry import cpu_target
+
+    system = cpu_target.target_context.codegen().magic_tuple()[0]
+    has = llvmlite.binding.get_host_cpu_features()
+    return [_told(system, name, "") for name, needs in SHIPPED.items() if all(has.get(one) for one in needs)]
 
 
 class KernelCache:
@@ -116,9 +139,9 @@ class KernelCache:
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Read the kernel's machine code; None if it is absent or damaged."""
         target_context.refresh()
-        name = self._name(sig)
-        for folder in read_folders():
-            file = folder / name
+        files = [folder / self._name(sig, target()) for folder in read_folders()]
+        files += [_PACKAGE / _FOLDER / self._name(sig, one) for one in shipped_targets()]
+        for file in files:
             try:
                 content = read_bytes(file)
             except FileNotFoundError:
@@ -127,8 +150,9 @@ class KernelCache:
                 _drop(file)
                 continue
             try:
-                shared, result = pickle.loads(_checked(content))
+                shared, names, result = pickle.loads(_checked(content))
                 load_shared(shared)
+                target_context.codegen()._engine._defined_symbols.update(names)
                 found = CompileResult._rebuild(target_context, *result)
             except Exception:  # damaged bytes, read as a pickle, can raise anything
                 _drop(file)
@@ -142,8 +166,8 @@ class KernelCache:
         folder = cache_folder()
         if not folder:
             return
-        content = dumps((shared_of(data.library), data._reduce()))
-        file = Path(folder) / self._name(sig)
+        content = dumps((shared_of(data.library), *_without_bitcode(data)))
+        file = Path(folder) / self._name(sig, target())
         try:
             with writing(file) as part:
                 part.write_bytes(hashlib.sha256(content).digest() + content)
@@ -155,13 +179,26 @@ class KernelCache:
     def flush(self) -> None:
         """Do nothing: what is compiled anew has another name, or the same content."""
 
-    def _name(self, sig: Any) -> str:
+    def _name(self, sig: Any, made_for: str) -> str:
         """Name the file: the kernel, for people, and the hash of all that its machine code depends on."""
         function = self._kernel.py_func
-        told = f"{content_hash(self._kernel)} {sig} {target()}"
+        told = f"{content_hash(self._kernel)} {sig} {made_for}"
         digest = hashlib.sha256(told.encode()).hexdigest()[:32]
         kernel = re.sub(r"[^\w.]", "", f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}")
         return f"{kernel[:100]}-{digest}{_ENDING}"
+
+
+def _without_bitcode(result: Any) -> tuple[list[str], tuple[Any, ...]]:
+    """Return the names that a program defines, and the program as Numba reduces it, but for its bitcode.
+
+    Bitcode is two thirds of a file, and for linking: kernels link parts, never what was read from disk.
+    """
+    linked = result.library._get_module_for_linking()
+    names = [
+        one.name for group in (linked.functions, linked.global_variables) for one in group if not one.is_declaration
+    ]
+    (name, kind, (code, _)), *rest = result._reduce()
+    return names, ((name, kind, (code, llvmlite.binding.parse_assembly("").as_bitcode())), *rest)
 
 
 def _checked(content: bytes) -> bytes:

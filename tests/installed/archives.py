@@ -46,7 +46,7 @@ def faults(dist: Path, direct: Path) -> list[str]:
     in_source, in_wheel = source_names(source), wheel_files(wheel)
     found = [f"not in {source.name}: {name}" for folder in SHIPPED for name in kept(folder) if name not in in_source]
     package = {name.removeprefix("src/") for name in kept("src/cornerforge")}
-    packed = {name for name in in_wheel if name.startswith("cornerforge/")}
+    packed = {name for name in in_wheel if name.startswith("cornerforge/") and not name.endswith(".nbc")}
     found += [f"not in {wheel.name}: {name}" for name in sorted(package - packed)]
     found += [f"in {wheel.name}, but not in the checkout: {name}" for name in sorted(packed - package)]
     found += [f"{name}: other bytes in the wheel of the checkout" for name in differences(in_wheel, wheel_files(other))]
