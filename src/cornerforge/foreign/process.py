@@ -165,34 +165,8 @@ class AvProcess:
         self.log = AvLog() if log is None else log
         confines.check()  # before anything is opened
         self._confines = confines
-        mark = secrets.token_hex(8)
-        ours, theirs = socket.socketpair()
-        line, keepers = socket.socketpair()
-        printed, print_to = os.pipe()
-        try:
-            with theirs, keepers:
-                self._process = subprocess.Popen(
-                    worker_command(confines, spec, theirs.fileno(), keepers.fileno()),
-                    stdin=subprocess.DEVNULL,
-                    stdout=print_to,
-                    stderr=print_to,
-                    pass_fds=[theirs.fileno(), keepers.fileno()],
-                    start_new_session=True,
-                    env=environment(confines, mark),
-                )
-        except BaseException:
-            os.close(printed)
-            ours.close()
-            line.close()
-            raise
-        finally:
-            os.close(print_to)
-        self._printing = threading.Thread(target=_keep_printed, args=(printed, self.log), daemon=True)
-        self._printing.start()
-        self._connection = ours
-        self._line = line
         self._question = 0
-        self._finalizer = weakref.finalize(self, _end, self._process, ours, line, self._printing, mark)
+        self._start()
         try:
             self.about = self._load()
         except AvFailureError as failure:
@@ -206,6 +180,42 @@ class AvProcess:
             if trace := self.log.trace(str(error)):
                 error.add_note(f"The AV's own traceback:\n{trace}")
             raise
+
+    def _start(self) -> None:
+        """Start the process, with a socket over which it is asked.
+
+        Raises:
+            InputError: It cannot run as it is to.
+        """
+        mark = secrets.token_hex(8)
+        ours, theirs = socket.socketpair()
+        line, keepers = socket.socketpair()
+        printed, print_to = os.pipe()
+        try:
+            with theirs, keepers:
+                self._process = subprocess.Popen(
+                    worker_command(self._confines, self._spec, theirs.fileno(), keepers.fileno()),
+                    stdin=subprocess.DEVNULL,
+                    stdout=print_to,
+                    stderr=print_to,
+                    pass_fds=[theirs.fileno(), keepers.fileno()],
+                    start_new_session=True,
+                    env=environment(self._confines, mark),
+                )
+        except BaseException:
+            os.close(printed)
+            ours.close()
+            line.close()
+            raise
+        finally:
+            os.close(print_to)
+        self._printing = threading.Thread(target=_keep_printed, args=(printed, self.log), daemon=True)
+        self._printing.start()
+        self._connection = ours
+        self._line = line
+        self._finalizer: weakref.finalize[..., AvProcess] = weakref.finalize(
+            self, _end, self._process, ours, line, self._printing, mark
+        )
 
     def _load(self) -> dict[str, str]:
         """Let the process load its AV, and give what it says of it.
@@ -306,11 +316,8 @@ class AvProcess:
 
     def _ask(self, kind: bytes, timeout: float, *parts: bytes, driving: int = 1) -> bytearray:
         self._question += 1
-        until = time.monotonic() + timeout
-        self._connection.settimeout(timeout)
         try:
-            self._connection.sendall(pack(kind, self._question, *parts))
-            kind, number, body = receive(self._connection, until, self._line)
+            kind, number, body = self._exchange(pack(kind, self._question, *parts), timeout)
             if kind not in (ANSWER, FAILED) or number != self._question:
                 raise JunkError(f"a message of kind {kind!r} for question {number}, to question {self._question}")
         except TimeoutError as error:
@@ -340,6 +347,19 @@ class AvProcess:
             self.close()
             raise (FileFormatError if failed.get("error") == "FileFormatError" else InputError)(message)
         raise AvFailureError(what, how, trace)
+
+    def _exchange(self, question: bytes, timeout: float) -> tuple[bytes, int, bytearray]:
+        """Send a frame, and wait for the one that comes back: kind, number, body.
+
+        Raises:
+            TimeoutError: None came in time [s].
+            EOFError, BrokenPipeError, ConnectionResetError: The process has ended.
+            JunkError: What came is no frame.
+        """
+        until = time.monotonic() + timeout
+        self._connection.settimeout(timeout)
+        self._connection.sendall(question)
+        return receive(self._connection, until, self._line)
 
     def _how_it_ended(self) -> str:
         """Say how the process ended, as its keeper says."""

@@ -19,7 +19,7 @@ from cornerforge.foreign.drivers import Driver, EndedError, UnusableError, Wrong
 from cornerforge.foreign.interface import AvContext
 from cornerforge.foreign.protocol import ACT, ANSWER, FAILED, LOAD, SETUP, pack, pack_json, receive, unpack_json
 
-__all__ = ["main"]
+__all__ = ["Server", "main"]
 
 
 def _act(driver: Driver, body: bytearray) -> bytes:
@@ -34,35 +34,40 @@ def _act(driver: Driver, body: bytearray) -> bytes:
     return np.int64(len(failed)).tobytes() + failed + answers.tobytes()
 
 
-def _serve(connection: socket.socket) -> None:
-    """Answer the simulator's messages until it closes the connection."""
-    driver: Driver | None = None
-    is_set_up = False
-    while True:
-        kind, number, body = receive(connection)
+class Server:
+    """Answers the simulator's messages with the AV that they name."""
+
+    def __init__(self) -> None:
+        self._driver: Driver | None = None
+        self._is_set_up = False
+
+    def close(self) -> None:
+        """Give up the AV."""
+        if self._driver is not None:
+            self._driver.close()
+        self._driver, self._is_set_up = None, False
+
+    def reply(self, kind: bytes, number: int, body: bytearray) -> bytes | None:
+        """Make the reply to a message; None: it cannot be one of the simulator's."""
         try:
             if kind == LOAD:
                 from cornerforge.foreign.loaders import load_av
 
-                if driver is not None:
-                    driver.close()
-                driver, is_set_up = None, False
-                driver, about = load_av(unpack_json(body)["av"])
-                reply = pack_json(ANSWER, number, about | driver.about)
-            elif kind == SETUP and driver is not None:
-                driver.setup(AvContext(**unpack_json(body)))
-                is_set_up = True
-                reply = pack(ANSWER, number)
-            elif kind == ACT and driver is not None and is_set_up:
-                reply = pack(ANSWER, number, _act(driver, body))
-            else:
-                return
+                self.close()
+                self._driver, about = load_av(unpack_json(body)["av"])
+                return pack_json(ANSWER, number, about | self._driver.about)
+            if kind == SETUP and self._driver is not None:
+                self._driver.setup(AvContext(**unpack_json(body)))
+                self._is_set_up = True
+                return pack(ANSWER, number)
+            if kind == ACT and self._driver is not None and self._is_set_up:
+                return pack(ANSWER, number, _act(self._driver, body))
         except UnusableError as error:
-            reply = pack_json(FAILED, number, {"what": "answer", "message": str(error)})
+            return pack_json(FAILED, number, {"what": "answer", "message": str(error)})
         except EndedError as error:
-            reply = pack_json(FAILED, number, {"what": "ended", "message": str(error)})
+            return pack_json(FAILED, number, {"what": "ended", "message": str(error)})
         except WrongAvError as error:
-            reply = pack_json(
+            return pack_json(
                 FAILED, number, {"what": "refused", "message": f"The AV is none: {error}.", "error": "InputError"}
             )
         except Exception as error:  # whatever the user's code raises is reported and must not end this process
@@ -74,7 +79,14 @@ def _serve(connection: socket.socket) -> None:
                     how["trace"] = traced(error.__cause__)
             else:
                 how = {"what": "raised", "message": described(error), "trace": traced(error)}
-            reply = pack_json(FAILED, number, how)
+            return pack_json(FAILED, number, how)
+        return None
+
+
+def _serve(connection: socket.socket) -> None:
+    """Answer the simulator's messages until it closes the connection."""
+    server = Server()
+    while (reply := server.reply(*receive(connection))) is not None:
         connection.sendall(reply)
 
 
