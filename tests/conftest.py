@@ -97,6 +97,18 @@ def golden(request: pytest.FixtureRequest) -> Callable[[str, str], None]:
     return compare
 
 
+@pytest.fixture
+def in_memory(request: pytest.FixtureRequest) -> Iterator[None]:
+    """AVs from outside are asked in this Python (`foreign.av_in_memory`), but for tests marked `processes`."""
+    if request.node.get_closest_marker("processes"):
+        yield
+        return
+    from foreign.av_in_memory import patched
+
+    with patched():
+        yield
+
+
 @pytest.fixture(autouse=True, scope="session")
 def temporary_files(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Files that are kept for a person to read, such as what an AV printed that failed, go with those of the tests."""
