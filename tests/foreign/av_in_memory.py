@@ -13,12 +13,14 @@ from __future__ import annotations
 
 import importlib
 import io
+import itertools
 import os
 import sys
 import sysconfig
 import threading
 import time
 import traceback
+import warnings
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -109,6 +111,24 @@ class _Printed(io.TextIOBase):
             self._other.flush()
 
 
+@contextmanager
+def _warnings_as_usual() -> Iterator[None]:
+    """Let warnings be printed, or ignored, as Python does by itself; they are errors in tests."""
+
+    def shown(
+        message: Any, category: Any, filename: str, lineno: int, file: Any = None, line: str | None = None
+    ) -> None:
+        del file
+        sys.stderr.write(warnings.formatwarning(message, category, filename, lineno, line))
+
+    with warnings.catch_warnings():
+        warnings.resetwarnings()
+        for category in (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning):
+            warnings.simplefilter("ignore", category)
+        warnings.showwarning = shown
+        yield
+
+
 class _World:
     """What a process has of its own: its modules and where it looks for them, and the AV."""
 
@@ -123,14 +143,10 @@ class _World:
     def entered(self, kept: list[str]) -> Iterator[None]:
         """Let this thread be the process."""
         with _one_at_a_time:
-            before, path, writes, streams = (
-                set(sys.modules),
-                sys.path[:],
-                sys.dont_write_bytecode,
-                (sys.stdout, sys.stderr),
-            )
+            path, writes, streams = sys.path[:], sys.dont_write_bytecode, (sys.stdout, sys.stderr)
             hidden = {name: sys.modules[name] for name in self._modules if name in sys.modules}
             sys.modules.update(self._modules)
+            known = len(sys.modules)
             sys.path[:0] = self._places
             sys.dont_write_bytecode = True  # the same name may be another AV's a moment later
             sys.stdout, sys.stderr = (_Printed(stream, kept) for stream in streams)
@@ -139,10 +155,11 @@ class _World:
             finally:
                 sys.stdout, sys.stderr = streams
                 sys.dont_write_bytecode = writes
-                self._places = [*(place for place in sys.path if place not in path and place not in self._places),
-                                *self._places]  # fmt: skip
+                if sys.path[len(self._places) :] != path:  # it has added places
+                    added = [place for place in sys.path if place not in path and place not in self._places]
+                    self._places[:0] = added
                 sys.path[:] = path
-                for name in [name for name in list(sys.modules) if name not in before]:
+                for name in list(itertools.islice(reversed(sys.modules), max(0, len(sys.modules) - known))):  # the new
                     if _is_own(sys.modules[name]):
                         self._modules[name] = sys.modules[name]
                 for name in self._modules:
@@ -191,9 +208,10 @@ class AvInMemory(AvProcess):
         if question[:1] == LOAD:
             importlib.invalidate_caches()  # its files may have been written a moment ago
         try:
-            reply = self._world.server.reply(
-                question[:1], int.from_bytes(question[1:9], "little"), bytearray(question[_HEAD:])
-            )
+            with _warnings_as_usual():
+                reply = self._world.server.reply(
+                    question[:1], int.from_bytes(question[1:9], "little"), bytearray(question[_HEAD:])
+                )
         except (KeyboardInterrupt, pytest.fail.Exception):
             raise
         except _Hangs as hangs:

@@ -69,6 +69,10 @@ class Prints(Plain):
         print('hello')
         print('trouble', file=sys.stderr)
         return super().act(view)
+class Warns(Plain):
+    def act(self, view):
+        open('odd_ones.py').read()  # and never closes it
+        return super().act(view) * np.log(np.zeros(1))
 class Setup(Plain):
     def setup(self, context): raise KeyError('weights')
 class SetupEnds(Plain):
@@ -103,6 +107,7 @@ CASES = {
     "remembers": ("odd_ones:Counts", 4),
     "naps": ("odd_ones:Naps", 1),
     "prints": ("odd_ones:Prints", 2),
+    "warns": ("odd_ones:Warns", 1),
     "exit": ("odd_ones:Leaves", 2),
     "exit with words": ("odd_ones:Bids", 1),
     "BaseException": ("odd_ones:Base", 1),
@@ -169,7 +174,9 @@ def told(make: Callable[..., AvProcess], spec: str, questions: int, processes: i
         process.close()
         kept = process.log.named()
         log = "" if kept is None else kept.read_text(encoding="utf-8")
-        found.append(sorted(line for line in log.splitlines() if re.match("hello|trouble|bye|cornerforge: ", line)))
+        found.append(
+            sorted(line for line in log.splitlines() if re.search("^hello|^trouble|^bye|^cornerforge: |Warning", line))
+        )
     return found
 
 

@@ -17,6 +17,8 @@ from cornerforge.cli.output import compiling_text
 from cornerforge.foreign.process import AvProcess
 from cornerforge.pipeline import forecast
 
+pytestmark = pytest.mark.usefixtures("in_memory")
+
 check_av = importlib.import_module("cornerforge.pipeline.check_av")  # the package has a verb of that name
 
 Capture = pytest.CaptureFixture[str]
@@ -42,6 +44,7 @@ def test_the_example_is_short() -> None:
     assert len(EXAMPLE.read_text(encoding="utf-8").splitlines()) < 30
 
 
+@pytest.mark.processes
 def test_the_example_simulates_generates_and_replays(example: Path, capsys: Capture) -> None:  # noqa: ARG001
     status, natural, err = call(capsys, "simulate", "--av", "my_av:MyAv", "--tests", 400, "--seed", 1)
     assert (status, err) == (0, "")
@@ -178,6 +181,7 @@ def test_check_av_finds(avs: Path, capsys: Capture, name: str, check: str, verdi
     assert result["passed"] == (status == 0)
 
 
+@pytest.mark.processes
 def test_check_av_of_an_av_that_hangs_ends_soon(avs: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001
     """One limit for the first answer, and no trial after it."""
     limits: list[float] = []
@@ -280,6 +284,7 @@ def av_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return place
 
 
+@pytest.mark.processes
 def test_an_av_is_named_by_its_file(av_files: Path, capsys: Capture) -> None:
     for spec in ("my avs/json.py:Mine", f"{av_files}/json.py:Mine"):
         status, found, err = call(capsys, "simulate", "--av", spec, "--tests", 4)

@@ -18,6 +18,8 @@ from cornerforge.sim.runner import simulate
 from cornerforge.sim.world import AV_CRASH, AV_FAULT
 from cornerforge.types import Odd
 
+pytestmark = pytest.mark.usefixtures("in_memory")
+
 SEED = 2
 TESTS = 200
 
@@ -47,6 +49,7 @@ def assert_same_but(ours: Outcomes, theirs: Outcomes, faults: list[int]) -> None
     assert np.flatnonzero(ours.code == AV_FAULT).tolist() == faults
 
 
+@pytest.mark.processes
 def test_results_do_not_depend_on_batch_or_threads(avs: Path) -> None:  # noqa: ARG001
     run = hostile()
     digests = set()
@@ -71,9 +74,14 @@ def test_seeds_name_tests() -> None:
 
 @pytest.mark.parametrize(
     ("name", "one_in", "what"),
-    [("Raises", 61, "raised"), ("Exits", 97, "ended"), ("Segfaults", 97, "ended"), ("Nan", 40, "answer"),
-     ("BadOrder", 40, "answer")],
-)  # fmt: skip
+    [
+        ("Raises", 61, "raised"),
+        ("Exits", 97, "ended"),
+        pytest.param("Segfaults", 97, "ended", marks=pytest.mark.processes),
+        ("Nan", 40, "answer"),
+        ("BadOrder", 40, "answer"),
+    ],
+)
 def test_a_fault_spoils_no_other_test(avs: Path, name: str, one_in: int, what: str) -> None:  # noqa: ARG001
     good, _ = outcomes("Good")
     bad, av = outcomes(name)
@@ -84,6 +92,7 @@ def test_a_fault_spoils_no_other_test(avs: Path, name: str, one_in: int, what: s
     assert {(test, fault.what) for (_, test), fault in av.faults.items()} == {(test, what) for test in culprits}
 
 
+@pytest.mark.processes
 def test_a_hang_costs_its_own_test(avs: Path) -> None:  # noqa: ARG001
     good, _ = outcomes("Good")
     culprits = [test for test in struck(97) if good.decisions[test] > 2][:1]

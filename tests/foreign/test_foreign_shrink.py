@@ -10,6 +10,8 @@ import cornerforge
 from cornerforge.errors import AvFaultError
 from cornerforge.library import CaseLibrary
 
+pytestmark = pytest.mark.usefixtures("in_memory")
+
 WEAVES = """
 import numpy as np
 

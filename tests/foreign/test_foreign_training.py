@@ -35,6 +35,8 @@ from cornerforge.sim.setting import UNIFORM
 from cornerforge.sim.world import VEHICLE
 from cornerforge.types import Odd
 
+pytestmark = pytest.mark.usefixtures("in_memory")
+
 TINY = replace(
     PRESETS["fast"], width=16, batch=32, replay_size=2048, replay_start=256, worlds=64, decisions_per_update=16,
     target_update=10, epsilon_decisions=2000, decisions=3000,
@@ -101,7 +103,7 @@ def test_negative_control_another_av_gives_other_weights() -> None:
 
 
 @pytest.mark.usefixtures("twins")
-@pytest.mark.parametrize(("bv", "tests"), [("swerve", 300), ("uniform", 1000)])
+@pytest.mark.parametrize(("bv", "tests"), [pytest.param("swerve", 300, marks=pytest.mark.processes), ("uniform", 1000)])
 def test_the_yield_is_that_of_the_same_av_inside(bv: str, tests: int) -> None:
     """Strikes and avoidable crashes are judged by the AV's stored answers."""
     built_in = experiment(av="rl", bv=bv)

@@ -20,6 +20,8 @@ from cornerforge.sim.danger import N_SEEN, WIDTH, Network
 from cornerforge.sim.forest import ROOT, Plan, Tilt
 from cornerforge.types import Odd
 
+pytestmark = pytest.mark.usefixtures("in_memory")
+
 ODD = Odd()
 SLOTS = n_slots(ODD)
 SIGMAS = 5.0
@@ -176,6 +178,7 @@ def test_an_av_that_does_not_repeat_itself_is_noticed(reckless: NddModel) -> Non
     assert trees(run, ForeignAv("twins:Dice", ODD), 4, plan(0, 1e-2)).strayed > 100
 
 
+@pytest.mark.processes
 @pytest.mark.usefixtures("avs")
 @pytest.mark.parametrize(("name", "what"), [("Raises", "raised"), ("Nan", "answered with NaN")])
 def test_a_failure_is_told_in_one_sentence(reckless: NddModel, name: str, what: str) -> None:

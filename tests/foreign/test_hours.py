@@ -20,6 +20,8 @@ from cornerforge.library import CaseLibrary
 from cornerforge.pipeline.stages import Stages
 from cornerforge.results import RunDone, as_json
 
+pytestmark = pytest.mark.usefixtures("in_memory")
+
 spend = importlib.import_module("cornerforge.pipeline.spend")
 EXAMPLE = Path(__file__).parents[2] / "examples" / "my_av.py"
 HOURS = 0.003
@@ -210,6 +212,7 @@ def test_a_run_that_was_stopped_goes_on_the_same_way(avs: Path, small: None) -> 
             cornerforge.run(out="a", resume=True, **{**arguments, **changes})
 
 
+@pytest.mark.processes
 def test_a_page_says_that_nothing_was_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small: None  # noqa: ARG001
 ) -> None:  # fmt: skip

@@ -25,6 +25,8 @@ from cornerforge.pipeline.setting import experiment
 from cornerforge.sim.keep import Outcomes
 from cornerforge.types import Odd
 
+pytestmark = pytest.mark.usefixtures("in_memory")
+
 SEED = 2
 
 
@@ -272,6 +274,7 @@ def test_an_av_that_hangs_in_native_code_does_not_outlive_a_killed_simulator(avs
     assert wait_until(lambda: not is_alive(child))
 
 
+@pytest.mark.processes
 def test_the_watcher_goes_with_the_av(avs: Path) -> None:  # noqa: ARG001
     process = AvProcess("avs:Good", timeout=20.0, first_timeout=20.0)
     process.setup(context_of(Odd(), batch=1, seed=0))
@@ -291,6 +294,7 @@ def test_the_watcher_goes_with_the_av(avs: Path) -> None:  # noqa: ARG001
 # --- the options ---
 
 
+@pytest.mark.processes
 def test_all_processes_drive_where_there_are_few_tests(avs: Path) -> None:
     """Each process leaves a file with its name."""
     (avs / "leaves.py").write_text(
@@ -305,6 +309,7 @@ def test_all_processes_drive_where_there_are_few_tests(avs: Path) -> None:
     assert len(list(avs.glob("pid-*"))) == 3
 
 
+@pytest.mark.processes
 def test_the_number_of_processes_changes_no_result(avs: Path) -> None:  # noqa: ARG001
     found = []
     for processes, batch in ((1, None), (3, 2)):

@@ -15,6 +15,8 @@ from cornerforge.pipeline.setting import experiment
 from cornerforge.sim import STEERED, simulate
 from cornerforge.types import Odd
 
+pytestmark = pytest.mark.usefixtures("in_memory")
+
 PLANNERS = '''
 import numpy as np
 
@@ -264,6 +266,7 @@ def test_front_wheels_turn_no_farther_than_wheels_can() -> None:
     }
 
 
+@pytest.mark.processes
 @pytest.mark.usefixtures("planners")
 def test_what_it_says_of_itself_is_checked() -> None:
     with pytest.raises(InputError, match="answers is 'wish'; allowed: lane, curvature, steering, trajectory"):
@@ -272,6 +275,7 @@ def test_what_it_says_of_itself_is_checked() -> None:
         cornerforge.simulate(av="planners:Objects", tests=1)
 
 
+@pytest.mark.processes
 @pytest.mark.usefixtures("planners")
 def test_its_crashes_are_cases_that_replay_to_the_bit(tmp_path: Path) -> None:
     library = tmp_path / "lib"

@@ -16,6 +16,8 @@ from cornerforge.pipeline.setting import experiment
 from cornerforge.sim import simulate
 from cornerforge.types import ACTION_ACCELERATIONS, ACTION_SIDES, N_ACTIONS
 
+pytestmark = pytest.mark.usefixtures("in_memory")
+
 POLICIES = """
 import numpy as np
 from cornerforge.types import ACTION_ACCELERATIONS, ACTION_SIDES
@@ -137,6 +139,7 @@ def test_a_bad_action_costs_its_test_only(name: str, text: str) -> None:
     assert ("on purpose" in run.foreign.log.trace(fault.message)) == (name == "Raises")
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize(
     ("name", "text"),
     [
