@@ -127,6 +127,7 @@ def test_its_cases_replay(planner: str, tmp_path: Path) -> None:
     assert cornerforge.replay(tmp_path / "lib", "all", check=True).identical is True
 
 
+@pytest.mark.usefixtures("in_memory")
 def test_it_drives_as_a_class_of_the_same_law(program: str) -> None:
     outside = cornerforge.simulate(av=program, tests=40, seed=3)
     assert outside.digest == cornerforge.simulate(av="twins:Twin", tests=40, seed=3).digest
@@ -154,6 +155,7 @@ class Twin:
 """
 
 
+@pytest.mark.usefixtures("in_memory")
 def test_neither_side_waits_for_the_other_when_lines_are_long(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A batch of questions and one of answers are each some times what a pipe holds (64 kB)."""
     monkeypatch.chdir(tmp_path)
@@ -166,6 +168,7 @@ def test_neither_side_waits_for_the_other_when_lines_are_long(tmp_path: Path, mo
     assert len(digests) == 1
 
 
+@pytest.mark.usefixtures("in_memory")
 def test_a_program_with_threads_may_answer_in_any_order(program: str, tmp_path: Path) -> None:
     (tmp_path / "threads.py").write_text(
         (LAW + PROGRAM)
@@ -186,6 +189,7 @@ def say(content):
 """
 
 
+@pytest.mark.usefixtures("in_memory")
 def test_results_do_not_depend_on_batches_or_threads(planner: str) -> None:
     run = experiment(av=planner, takes_foreign=True)
     digests = set()
@@ -196,15 +200,26 @@ def test_results_do_not_depend_on_batches_or_threads(planner: str) -> None:
     assert len(digests) == 1
 
 
+@pytest.mark.usefixtures("in_memory")
 @pytest.mark.parametrize(
     ("mode", "what", "text"),
     [
-        ("garbage", "answer", r"printed a line that is no JSON object: 'debug: x = 3'; text for people belongs on"),
-        ("floods", "answer", r"no JSON object: 'debug: x = 3'"),
+        pytest.param(
+            "garbage",
+            "answer",
+            r"printed a line that is no JSON object: 'debug: x = 3'; text for people belongs on",
+            marks=pytest.mark.processes,
+        ),
+        pytest.param("floods", "answer", r"no JSON object: 'debug: x = 3'", marks=pytest.mark.processes),
         ("array", "answer", r"no JSON object: '\[1, 2\]'"),
-        ("exits", "ended", r"ended its program \(exit status 3\)$"),
+        pytest.param("exits", "ended", r"ended its program \(exit status 3\)$", marks=pytest.mark.processes),
         ("kills itself", "ended", r"ended its program \(signal SIGSEGV\)"),
-        ("half a line", "ended", r"\(exit status 0\); it had begun the line '\{\"world\":'"),
+        pytest.param(
+            "half a line",
+            "ended",
+            r"\(exit status 0\); it had begun the line '\{\"world\":'",
+            marks=pytest.mark.processes,
+        ),
         ("another world", "answer", r"answered for world 9999, which was not asked: '\{"),
         ("twice", "answer", r"(line that nothing had asked for|answered twice).*'\{\"world\": \d+, \"answer\""),
         ("shape", "answer", r"returned an array of shape \(3,\); expected \(2\): '\{\"world\""),
