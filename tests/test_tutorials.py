@@ -83,6 +83,7 @@ def test_the_first_run_is_as_its_page_says(
     assert (tmp_path / "case.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.usefixtures("in_memory")
 def test_the_own_av_is_the_example_and_a_forgotten_reset_is_seen(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

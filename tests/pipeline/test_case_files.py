@@ -313,6 +313,7 @@ def struck(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "cases"
 
 
+@pytest.mark.usefixtures("in_memory")
 def test_who_strikes_is_told_and_may_decide(struck: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["retest", "cases", "--av", "avs.py:Coward"]) == 1
     told = capsys.readouterr().out
@@ -338,6 +339,7 @@ def test_who_strikes_is_told_and_may_decide(struck: Path, capsys: pytest.Capture
         cornerforge.retest(struck, av="idm-mobil", count="bv")
 
 
+@pytest.mark.usefixtures("in_memory")
 def test_an_av_that_fails_in_a_case_file_fails_the_command(struck: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["retest", str(struck), "--av", "avs.py:Fails"]
     assert cli.main([*words, "--junit", "found.xml"]) == 1

@@ -168,6 +168,7 @@ def test_drawn_models_grow_trees(world: dict[str, Any], tmp_path: Path, capsys: 
 
 
 @pytest.mark.parametrize("method", ["mc", "splitting"])
+@pytest.mark.usefixtures("in_memory")
 def test_an_av_from_outside_drives_drawn_models_too(
     world: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str
 ) -> None:

@@ -173,7 +173,7 @@ def test_threads_change_nothing_and_a_family_is_a_part() -> None:
     assert one.library is None
 
 
-@pytest.mark.usefixtures("few")
+@pytest.mark.usefixtures("few", "in_memory")
 def test_an_av_that_fails_is_left_out_and_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "raising.py").write_text(RAISES, encoding="utf-8")
     monkeypatch.chdir(tmp_path)

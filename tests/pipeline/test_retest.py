@@ -77,6 +77,7 @@ def test_another_av_crashes_where_it_crashes_without_the_library(swerve_library:
     assert again.natural.verdict == "open"
 
 
+@pytest.mark.usefixtures("in_memory")
 def test_an_av_that_got_worse_fails_the_command(
     swerve_library: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -179,6 +180,7 @@ class Fails:
 """
 
 
+@pytest.mark.usefixtures("in_memory")
 def test_a_test_that_the_av_spoils_is_not_fixed(
     swerve_library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -137,6 +137,7 @@ def test_both_move_on_one_clock(made: tuple[Path, Retested], tmp_path: Path) -> 
     assert after == [clock(frame + 1), "contact", "driving", speed("old", frame), speed("new", frame + 1)]
 
 
+@pytest.mark.usefixtures("in_memory")
 def test_natural_crashes_of_a_worse_av_come_first(
     swerve_library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

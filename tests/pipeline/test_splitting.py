@@ -177,6 +177,7 @@ def test_picked_weights_sum_up_to_all_in_the_mean() -> None:
 
 
 @pytest.mark.parametrize("method", ["splitting", "is"])
+@pytest.mark.usefixtures("in_memory")
 def test_an_av_from_outside(
     world: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str
 ) -> None:

@@ -43,6 +43,7 @@ def test_the_page_of_an_adversarys_library(tmp_path: Path) -> None:
         cornerforge.make_report(tmp_path / "other", out=tmp_path / "page", seed=1)
 
 
+@pytest.mark.usefixtures("in_memory")
 def test_the_page_of_natural_crashes_of_an_av_from_outside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source = (Path(__file__).parents[2] / "examples" / "my_av.py").read_text(encoding="utf-8")
     careless = source.replace("0.1 * room - 0.6 * closing", "0.05 * room - 0.1 * closing")

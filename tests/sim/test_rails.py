@@ -113,6 +113,7 @@ def test_a_part_of_a_script_is_the_rest_of_it(run: Experiment, rails: Rails) -> 
 
 
 @pytest.mark.full
+@pytest.mark.usefixtures("in_memory")
 def test_an_av_from_outside_is_set_to_the_speed_and_drives_the_same_as_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rails: Rails
 ) -> None:
