@@ -189,6 +189,7 @@ def notes(error: BaseException) -> list[str]:
     return getattr(error, "__notes__", [])
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("case", CASES)
 def test_the_double_gives_what_the_process_gives(avs: Path, case: str) -> None:
     (avs / "odd_ones.py").write_text(ODD_ONES, encoding="utf-8")

@@ -123,6 +123,7 @@ def views() -> np.ndarray:
     return view
 
 
+@pytest.mark.full
 def test_what_it_prints_goes_to_the_log_and_nowhere_else(noisy: Path, capfd: pytest.CaptureFixture[str]) -> None:
     run = cornerforge.simulate(av="noisy:Chatty", tests=3, out=noisy / "lib")
     assert run.av_faults == 0
@@ -135,6 +136,7 @@ def test_what_it_prints_goes_to_the_log_and_nowhere_else(noisy: Path, capfd: pyt
     assert not (noisy / "quiet" / "av.log").exists()
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("in_memory")
 def test_tests_left_out_are_named_in_the_log(avs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", "--av", "avs:Nan", "--tests", "200", "--out", "lib"]) == 0
@@ -154,6 +156,7 @@ def test_it_may_close_its_streams(name: str) -> None:
     process.close()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("name", "text"),
     [
@@ -206,6 +209,7 @@ def whole(text: str) -> bool:
     return all(part in text for part in ("in first", "in second", "KeyError: 'the root'", "ValueError: of the planner"))
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("in_memory")
 def test_the_traceback_is_whole_in_the_log_in_debug_and_in_check_av(
     noisy: Path, capfd: pytest.CaptureFixture[str]

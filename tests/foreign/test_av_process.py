@@ -44,6 +44,7 @@ def test_it_may_print_write_into_its_view_and_answer_in_integers(avs: Path) -> N
         process.close()
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("name", "what", "text"),
     [
@@ -81,6 +82,7 @@ def test_a_process_that_ends_is_named(avs: Path, code: str, text: str) -> None:
     assert failure.value.what == "ended"
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("spec", "text"),
     [
@@ -106,6 +108,7 @@ def test_what_is_no_av_is_refused(avs: Path, spec: str, text: str) -> None:
         AvProcess(spec, timeout=20.0, first_timeout=60.0)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["gone.zip", "gone.onnx", "text.zip", "text.onnx"])
 def test_files_that_are_no_avs_are_refused(avs: Path, name: str) -> None:
     pytest.importorskip("torch" if name.endswith("zip") else "onnxruntime")

@@ -13,6 +13,8 @@ import cornerforge
 from cornerforge.pipeline.setting import experiment
 from cornerforge.sim import STEERED
 
+pytestmark = pytest.mark.full
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 

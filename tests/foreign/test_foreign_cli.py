@@ -17,7 +17,7 @@ from cornerforge.cli.output import compiling_text
 from cornerforge.foreign.process import AvProcess
 from cornerforge.pipeline import forecast
 
-pytestmark = pytest.mark.usefixtures("in_memory")
+pytestmark = [pytest.mark.full, pytest.mark.usefixtures("in_memory")]
 
 check_av = importlib.import_module("cornerforge.pipeline.check_av")  # the package has a verb of that name
 

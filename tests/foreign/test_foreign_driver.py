@@ -49,6 +49,7 @@ def assert_same_but(ours: Outcomes, theirs: Outcomes, faults: list[int]) -> None
     assert np.flatnonzero(ours.code == AV_FAULT).tolist() == faults
 
 
+@pytest.mark.full
 @pytest.mark.processes
 def test_results_do_not_depend_on_batch_or_threads(avs: Path) -> None:  # noqa: ARG001
     run = hostile()
@@ -72,6 +73,7 @@ def test_seeds_name_tests() -> None:
     assert not np.isin(seeds_of(6, np.arange(1000)), seeds).any()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "one_in", "what"),
     [
@@ -92,6 +94,7 @@ def test_a_fault_spoils_no_other_test(avs: Path, name: str, one_in: int, what: s
     assert {(test, fault.what) for (_, test), fault in av.faults.items()} == {(test, what) for test in culprits}
 
 
+@pytest.mark.full
 @pytest.mark.processes
 def test_a_hang_costs_its_own_test(avs: Path) -> None:  # noqa: ARG001
     good, _ = outcomes("Good")
@@ -102,6 +105,7 @@ def test_a_hang_costs_its_own_test(avs: Path) -> None:  # noqa: ARG001
     assert av.faults[SEED, culprits[0]].message == "gave no answer within 1.5 s"
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["Raises", "Nan"])
 def test_histograms_leave_spoiled_tests_out(avs: Path, name: str) -> None:  # noqa: ARG001
     run = hostile()
@@ -124,6 +128,7 @@ def test_a_fault_that_does_not_come_again_costs_nothing(avs: Path) -> None:  # n
     assert not av.faults
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "text"),
     [
@@ -152,6 +157,7 @@ def test_a_recording_is_what_happened(avs: Path) -> None:  # noqa: ARG001
             assert (crash.slot_a, crash.slot_b) == (out.slot_a[test], out.slot_b[test])
 
 
+@pytest.mark.full
 def test_a_deterministic_av_can_be_asked_again(avs: Path) -> None:  # noqa: ARG001
     run = hostile()
     digests = []

@@ -10,7 +10,7 @@ import cornerforge
 from cornerforge.errors import AvFaultError
 from cornerforge.library import CaseLibrary
 
-pytestmark = pytest.mark.usefixtures("in_memory")
+pytestmark = [pytest.mark.full, pytest.mark.usefixtures("in_memory")]
 
 WEAVES = """
 import numpy as np

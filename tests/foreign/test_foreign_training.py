@@ -35,7 +35,7 @@ from cornerforge.sim.setting import UNIFORM
 from cornerforge.sim.world import VEHICLE
 from cornerforge.types import Odd
 
-pytestmark = pytest.mark.usefixtures("in_memory")
+pytestmark = [pytest.mark.full, pytest.mark.usefixtures("in_memory")]
 
 TINY = replace(
     PRESETS["fast"], width=16, batch=32, replay_size=2048, replay_start=256, worlds=64, decisions_per_update=16,

@@ -20,7 +20,7 @@ from cornerforge.sim.danger import N_SEEN, WIDTH, Network
 from cornerforge.sim.forest import ROOT, Plan, Tilt
 from cornerforge.types import Odd
 
-pytestmark = pytest.mark.usefixtures("in_memory")
+pytestmark = [pytest.mark.full, pytest.mark.usefixtures("in_memory")]
 
 ODD = Odd()
 SLOTS = n_slots(ODD)

@@ -24,6 +24,8 @@ from cornerforge.foreign.process import AvFailureError, AvProcess
 from cornerforge.foreign.session import context_of
 from cornerforge.types import Odd
 
+pytestmark = pytest.mark.full
+
 NOBODY = np.zeros(0, np.int64)
 needs_proc = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="only there all is found that lives on")
 

@@ -20,7 +20,7 @@ from cornerforge.library import CaseLibrary
 from cornerforge.pipeline.stages import Stages
 from cornerforge.results import RunDone, as_json
 
-pytestmark = pytest.mark.usefixtures("in_memory")
+pytestmark = [pytest.mark.full, pytest.mark.usefixtures("in_memory")]
 
 spend = importlib.import_module("cornerforge.pipeline.spend")
 EXAMPLE = Path(__file__).parents[2] / "examples" / "my_av.py"

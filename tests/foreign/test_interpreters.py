@@ -20,6 +20,8 @@ from cornerforge.foreign import interpreter
 from cornerforge.foreign.interpreter import OLDEST_PYTHON, Confines, check_interpreter
 from cornerforge.foreign.process import AvProcess
 
+pytestmark = pytest.mark.full
+
 PACKAGE = Path(cornerforge.__file__).parent
 OWN = (
     "import sys, numpy as np\n"

@@ -71,6 +71,7 @@ def model_of(algorithm: str, actions: str, shape: tuple[int, ...] = (13, 8), **a
     return getattr(sb3, algorithm)("MlpPolicy", World(), seed=1, device="cpu", **arguments)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.filterwarnings("ignore")  # of Stable-Baselines3 itself
 @pytest.mark.parametrize(
     ("algorithm", "actions", "shape", "arguments"),

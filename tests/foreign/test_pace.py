@@ -188,6 +188,7 @@ class Av:
 """
 
 
+@pytest.mark.full
 def test_what_is_too_slow_for_many_worlds_is_said_and_costs_no_test(avs: Path) -> None:
     (avs / "tired.py").write_text(TIRED, encoding="utf-8")
     av = ForeignAv("tired:Av", Odd(), batch=4, timeout=1.0)
@@ -251,6 +252,7 @@ def wait_until(found: Callable[[], bool]) -> bool:
     return False
 
 
+@pytest.mark.full
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads the state of processes from /proc")
 def test_an_av_that_hangs_in_native_code_does_not_outlive_a_killed_simulator(avs: Path) -> None:
     (avs / "stuck.py").write_text(STUCK, encoding="utf-8")
@@ -294,6 +296,7 @@ def test_the_watcher_goes_with_the_av(avs: Path) -> None:  # noqa: ARG001
 # --- the options ---
 
 
+@pytest.mark.full
 @pytest.mark.processes
 def test_all_processes_drive_where_there_are_few_tests(avs: Path) -> None:
     """Each process leaves a file with its name."""
@@ -309,6 +312,7 @@ def test_all_processes_drive_where_there_are_few_tests(avs: Path) -> None:
     assert len(list(avs.glob("pid-*"))) == 3
 
 
+@pytest.mark.full
 @pytest.mark.processes
 def test_the_number_of_processes_changes_no_result(avs: Path) -> None:  # noqa: ARG001
     found = []

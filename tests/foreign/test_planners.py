@@ -15,7 +15,7 @@ from cornerforge.pipeline.setting import experiment
 from cornerforge.sim import STEERED, simulate
 from cornerforge.types import Odd
 
-pytestmark = pytest.mark.usefixtures("in_memory")
+pytestmark = [pytest.mark.full, pytest.mark.usefixtures("in_memory")]
 
 PLANNERS = '''
 import numpy as np

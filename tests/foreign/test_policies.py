@@ -103,12 +103,14 @@ def policies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "policies.py").write_text(POLICIES, encoding="utf-8")
 
 
+@pytest.mark.full
 def test_one_law_drives_the_same_as_a_policy_and_as_a_class() -> None:
     wanted = cornerforge.simulate(av="policies:Class", tests=40).digest
     for name in ("Discrete", "Plain", "Box", "Flat", "make"):
         assert cornerforge.simulate(av=f"policies:{name}", tests=40).digest == wanted, name
 
 
+@pytest.mark.full
 def test_its_state_is_kept_for_each_test() -> None:
     """A class that counts the questions of its test drives the same."""
     wanted = cornerforge.simulate(av="policies:Counts", tests=20).digest
@@ -119,6 +121,7 @@ def test_its_state_is_kept_for_each_test() -> None:
         assert session.remembers
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("name", "text"),
     [
@@ -156,6 +159,7 @@ def test_what_is_no_policy_is_refused(name: str, text: str) -> None:
         cornerforge.simulate(av=f"policies:{name}", tests=1)
 
 
+@pytest.mark.full
 def test_check_av_knows_it() -> None:
     checked = cornerforge.check_av(av="policies:make", tests=4)
     assert checked.kind == "policy"

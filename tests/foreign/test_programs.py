@@ -24,6 +24,8 @@ from cornerforge.pipeline.setting import experiment
 from cornerforge.sim import simulate
 from cornerforge.types import Odd
 
+pytestmark = pytest.mark.full
+
 PACKAGE = Path(cornerforge.__file__).parent
 SOURCE = Path(__file__).parents[2] / "examples" / "planner.c"
 

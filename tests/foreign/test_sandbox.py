@@ -24,6 +24,8 @@ from cornerforge.foreign.process import AvProcess
 from cornerforge.foreign.session import context_of
 from cornerforge.types import Odd
 
+pytestmark = pytest.mark.full
+
 NOBODY = np.zeros(0, np.int64)
 WALLS = Confines(sandbox=True)
 TRIES = """
