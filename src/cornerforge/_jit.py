@@ -11,10 +11,12 @@ would go on with stale code. Here machine code is kept under a hash of all that 
 from __future__ import annotations
 
 import functools
+import importlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
+import numba.np.linalg
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils, event, types
 from numba.extending import intrinsic
@@ -38,6 +40,23 @@ _OPTIONS: dict[str, Any] = {
 # kernels must not do anyway. The switch is private to Numba (docs/adr/0006-compiled-kernels.md).
 # `forceinline`, set even where it is off: a kernel without it inherits it from whichever caller is compiled first, and
 # then all of `advance` was one function of 68,000 instructions that took LLVM a minute.
+
+
+def _load_array_functions() -> None:
+    """Load Numba's functions of arrays without SciPy's BLAS, which takes half a second and which no kernel uses.
+
+    Numba loads it here only to see that it is there; a function of somebody else that multiplies matrices asks again
+    when it is compiled.
+    """
+    usual = numba.np.linalg.ensure_blas
+    numba.np.linalg.ensure_blas = lambda: None
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        numba.np.linalg.ensure_blas = usual
+
+
+_load_array_functions()
 
 F = TypeVar("F", bound=Callable[..., object])
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from cornerforge.ndd.fit import fit_model
-from cornerforge.ndd.layouts import DATA_FORMATS
-from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash, save_model
-from cornerforge.ndd.readers import read_decisions
-from cornerforge.ndd.report import FitReport, write_fit_report
+from typing import TYPE_CHECKING
+
+from cornerforge._doors import door
+
+if TYPE_CHECKING:
+    from cornerforge.ndd.fit import fit_model
+    from cornerforge.ndd.layouts import DATA_FORMATS
+    from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash, save_model
+    from cornerforge.ndd.readers import read_decisions
+    from cornerforge.ndd.report import FitReport, write_fit_report
 
 __all__ = [
     "DATA_FORMATS",
@@ -20,3 +25,19 @@ __all__ = [
     "save_model",
     "write_fit_report",
 ]
+
+__getattr__ = door(
+    "cornerforge.ndd",
+    {
+        "DATA_FORMATS": "layouts",
+        "FitReport": "report",
+        "NddModel": "model",
+        "default_model_path": "model",
+        "fit_model": "fit",
+        "load_model": "model",
+        "model_hash": "model",
+        "read_decisions": "readers",
+        "save_model": "model",
+        "write_fit_report": "report",
+    },
+)

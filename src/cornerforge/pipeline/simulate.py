@@ -12,7 +12,6 @@ from cornerforge._locks import claims
 from cornerforge.errors import InputError
 from cornerforge.pipeline.counting import simulate_experiment, tally_summary
 from cornerforge.pipeline.forecast import forecast
-from cornerforge.pipeline.generate import store_tests
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import experiment
 from cornerforge.results import Simulated
@@ -64,6 +63,8 @@ def simulate(
     run = experiment(WorldOptions(**world), bv=bv, acting=acting, takes_foreign=True, seed=seed)
     forecast(run, threads, f"driving {tests:,} tests", tests=tests)
     if out is not None:
+        from cornerforge.pipeline.generate import store_tests  # here, because it loads pyarrow
+
         return store_tests(
             run, Path(out), tests=tests, seed=seed, threads=threads, counting=stats, resume=resume, progress=progress
         )
