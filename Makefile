@@ -9,6 +9,7 @@ FUZZ_SEED ?= random
 KILLS ?= 1000
 
 BIN := .venv/bin
+RUN := .venv/.stamp-run
 SETUP := .venv/.stamp-setup
 BENCH := .venv-bench/.stamp-setup
 DOCS := .venv-docs/.stamp-setup
@@ -51,7 +52,7 @@ setup: $(SETUP) ## install cornerforge and its tools into .venv, in the versions
 
 web: $(WEB) ## build the explorer's page into the package (needs Node.js 20 or newer, which nothing else here does)
 
-demo: $(SETUP) ## find, sort and report corner cases of a built-in AV, and of one with a flaw, within minutes; goes on where it was stopped
+demo: $(RUN) ## find, sort and report corner cases of a built-in AV, and of one with a flaw, within minutes; goes on where it was stopped
 	@$(BIN)/cornerforge run --effort quick --out $(OUT) --resume
 	@$(BIN)/cornerforge rate --av flawed-not-behind --out $(OUT)-flawed --resume
 	@$(BIN)/cornerforge report $(OUT)-flawed --out $(OUT)-flawed/page
@@ -139,14 +140,14 @@ model: $(SETUP) ## fit the default naturalistic model again from DATA="FILES" (s
 	@test -n "$(wildcard $(DATA))" || { echo "No data at $(DATA); say where it is: make model DATA='my/data/*.gz'"; exit 1; }
 	@$(BIN)/cornerforge ndd fit $(sort $(wildcard $(DATA))) --format ngsim --lane-changes prior --out $(MODEL)
 
-rl-av: $(SETUP) ## train the built-in AV `rl` again; same seed, same weights
+rl-av: $(RUN) ## train the built-in AV `rl` again; same seed, same weights
 	@$(BIN)/cornerforge train-av --out $(RL_AV) --overwrite --tests 200000
 
 golden: $(SETUP) ## write the checked-in expectations (golden files) again; read the diff and say why in the commit
 	@$(BIN)/python -m pytest -q -m golden --write-golden
 	@git --no-pager diff --stat -- tests
 
-clean-cache: $(SETUP) ## drop the compiled kernels; the next start compiles them anew (needed only if in doubt)
+clean-cache: $(RUN) ## drop the compiled kernels; the next start compiles them anew (needed only if in doubt)
 	@$(BIN)/python -c "import pathlib, cornerforge._kernel_cache as c; [f.unlink() for f in pathlib.Path(c.cache_folder()).glob('*.nbc')]"
 
 clean: ## drop all that make made, .venv too; keeps out/
@@ -154,9 +155,19 @@ clean: ## drop all that make made, .venv too; keeps out/
 	@find src tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # A stamp is newer than the two files that decide what gets installed, or the installation runs again.
-$(SETUP): pyproject.toml constraints.txt
+# What `run`, `rate` and `report` need, and no more: of the extra `report` no matplotlib. Python compiles what it imports at
+# the first start; pip would compile all of torch. What only tests the packages themselves goes, and of torch what only
+# builds C++: 250 MB. A torch without GPU libraries, where pip would take another:
+# PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu make demo
+$(RUN): pyproject.toml constraints.txt
 	@$(call venv,.venv)
-	@$(BIN)/python $(PIP) install -c constraints.txt -e ".[all,dev]"
+	@$(BIN)/python $(PIP) install --no-compile -c constraints.txt -e ".[learn,analysis]" jinja2 plotly
+	@cd .venv/lib/python3*/site-packages && rm -rf torch/test torch/include torch/bin/*[Tt]est* torch/bin/protoc* && \
+	  find . -type d -name tests -prune -exec rm -rf {} +
+	@touch $@
+
+$(SETUP): $(RUN)
+	@$(BIN)/python $(PIP) install --no-compile -c constraints.txt -e ".[all,dev]"
 	@touch $@
 
 web/node_modules/.stamp-setup: web/package.json web/package-lock.json

@@ -19,7 +19,10 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "my_av.py"
-DATA = ["py.typed", "ndd/default_model.npz", "drivers/rl_av.safetensors", "report/templates/report.html.j2"]
+DATA = [
+    "py.typed", "cli/front_page.json", "ndd/default_model.npz", "drivers/rl_av.safetensors",
+    "report/templates/report.html.j2",
+]  # fmt: skip
 # Of each extra a module that the core does without.
 EXTRAS = {
     "analysis": "sklearn", "gym": "gymnasium", "learn": "torch", "onnx": "onnxruntime", "query": "duckdb", "ray": "ray",
