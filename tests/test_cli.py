@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import pytest
 import typer
 from edited_files import write_object
 from folder_snapshot import snapshot
+from stage_lines import LINE, without_stages
 
 import cornerforge._kernel_cache
 from cornerforge._jit import kernel
@@ -31,6 +33,7 @@ from cornerforge.errors import InputError
 from cornerforge.ndd.layouts import DATA_FORMATS
 from cornerforge.paper.bench import REPRODUCE_EFFORTS
 from cornerforge.paper.registry import ITEMS
+from cornerforge.pipeline.stages import Stages
 from cornerforge.report import judged
 from cornerforge.types import ODDS
 from cornerforge.world_options import PLAIN_ADVERSARIES, REWARD_NAMES
@@ -66,7 +69,7 @@ def call(capsys: Capture, *arguments: object) -> tuple[int, str, str]:
     capsys.readouterr()
     status = main([str(argument) for argument in arguments])
     captured = capsys.readouterr()
-    return status, captured.out, captured.err.replace(f"{compiling_text()}\n", "")
+    return status, captured.out, without_stages(captured.err.replace(f"{compiling_text()}\n", ""))
 
 
 # --- help ---
@@ -458,6 +461,79 @@ def test_a_bar_of_slow_work_shows_more_than_a_zero(monkeypatch: pytest.MonkeyPat
         assert bars._bars.tasks[0].fields["rate"] == "0.12/s"
     finally:
         bars.stop()
+
+
+def test_stages_are_told_in_lines_where_no_terminal_shows_bars(files: Path, tmp_path: Path, capsys: Capture) -> None:
+    """A line for each stage of a long command on standard error; the object on standard output is alone."""
+    capsys.readouterr()
+    asked = ["analyse", str(files / "library"), "--out", str(tmp_path / "a"), "--json"]
+    assert main(asked) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["clusters"]
+    assert [found[:3] for found in LINE.findall(said.err)] == [("1", "", "analyse"), ("2", "", "judge")]
+    assert without_stages(said.err) == ""
+    assert main([*asked, "--quiet"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_stages_of_a_run_are_numbered(tmp_path: Path, capsys: Capture) -> None:
+    """Those too that are there already."""
+    bars = Bars(quiet=False, lines=True)
+    for _ in range(2):
+        once = Stages(tmp_path, bars, of=3).do
+
+        def work(name: str) -> Named:
+            bars(name, 1.0, 1.0)
+            return Named(name)
+
+        assert [once(name, Named, partial(work, name)).name for name in ("one", "two")] == ["one", "two"]
+    bars.stop(finished=True)
+    said = LINE.findall(capsys.readouterr().err)
+    assert [found[:3] for found in said] == [("1", "3", "one"), ("2", "3", "two")]
+
+
+@dataclass(frozen=True)
+class Named:
+    name: str
+
+
+LINES = {
+    "generate": ("generate --policy swerve --cases 3 --out {n}/l", ["generate"]),
+    "report": ("report {f}/library --out {n}/page --avoidability 3", ["analyse", "judge", "report"]),
+    "rate": ("rate --method mc --max-tests 100", ["rate"]),
+    "train": ("train --decisions 4096 --tests 64 --out {n}/p.safetensors", ["train", "evaluate"]),
+}
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_long_commands_tell_their_stages(name: str, files: Path, tmp_path: Path, capsys: Capture) -> None:
+    text, stages = LINES[name]
+    capsys.readouterr()
+    main(words(text, files, tmp_path))
+    said = LINE.findall(capsys.readouterr().err)
+    assert [found[2] for found in said][: len(stages)] == stages
+    assert [found[0] for found in said] == [str(number + 1) for number in range(len(said))]
+
+
+def test_short_commands_tell_no_stages(files: Path, tmp_path: Path, capsys: Capture) -> None:
+    capsys.readouterr()
+    assert main(words("shrink {f}/library --cases 1 --out {n}/s", files, tmp_path)) in (0, 2)
+    assert not LINE.findall(capsys.readouterr().err)
+
+
+def test_lines_say_time_part_and_name(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What passes before the first report of a stage belongs to it, and a stage that was stopped is not told."""
+    now = iter([0.0, 2.0, 50.0, 54.0, 60.0, 70.0])
+    monkeypatch.setattr("cornerforge.cli.output.time.monotonic", lambda: next(now))
+    bars = Bars(quiet=False, lines=True)
+    bars.begin_part(3, 7)  # at 2 s
+    bars("train (0.2)", 1.0, 10.0)
+    bars("train (0.3)", 10.0, 10.0)
+    bars.begin_part(4, 7)  # at 54 s
+    bars("evaluate", 1.0, 10.0)
+    bars("judge", 1.0, 10.0)  # at 70 s
+    bars.stop()
+    assert capsys.readouterr().err == "stage 3 of 7: train, 52 s\nstage 4 of 7: evaluate, 16 s\n"
 
 
 def test_compiling_is_said_without_a_terminal_too(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ from typing import Any, get_args
 
 import pytest
 import typer
+from stage_lines import without_stages
 
 from cornerforge.cli import app, main
 from cornerforge.cli.config import Call, a_call, read_config
@@ -34,7 +35,7 @@ def call(capsys: Capture, *arguments: object) -> tuple[int, str, str]:
     capsys.readouterr()
     status = main([str(argument) for argument in arguments])
     captured = capsys.readouterr()
-    return status, captured.out, captured.err.replace(f"{compiling_text()}\n", "")
+    return status, captured.out, without_stages(captured.err.replace(f"{compiling_text()}\n", ""))
 
 
 def found(capsys: Capture, *arguments: object) -> dict[str, Any]:

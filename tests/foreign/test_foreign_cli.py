@@ -11,6 +11,7 @@ from typing import Any
 from unittest.mock import ANY
 
 import pytest
+from stage_lines import without_stages
 
 from cornerforge.cli import main
 from cornerforge.cli.output import compiling_text
@@ -36,7 +37,9 @@ def call(capsys: Capture, *arguments: object) -> tuple[int, dict[str, Any], str]
     capsys.readouterr()
     status = main([*map(str, arguments), "--json"])
     captured = capsys.readouterr()
-    said = captured.err.replace(f"{compiling_text()}\n", "")  # depends on what earlier tests have compiled
+    said = without_stages(
+        captured.err.replace(f"{compiling_text()}\n", "")
+    )  # depends on what earlier tests have compiled
     return status, json.loads(captured.out) if captured.out else {}, said
 
 

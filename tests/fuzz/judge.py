@@ -284,7 +284,9 @@ class Judge:
             with contextlib.suppress(ValueError):
                 answer = json.loads(answer)
         lines = [
-            line for line in err.getvalue().splitlines() if line.strip() and not line.startswith("Compiling a part")
+            line
+            for line in err.getvalue().splitlines()
+            if line.strip() and not line.startswith(("Compiling a part", "stage "))
         ]
         lines += [str(one.message) for one in told if issubclass(one.category, UserWarning) or callable(door.argv)]
         if error is not None:

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 import typer
 from folder_snapshot import snapshot
+from stage_lines import without_stages
 
 import cornerforge
 from cornerforge.cli import app, main
@@ -32,7 +33,7 @@ def call(capsys: Capture, *arguments: object) -> tuple[int, str, str]:
     capsys.readouterr()
     status = main([str(argument) for argument in arguments])
     captured = capsys.readouterr()
-    return status, captured.out, captured.err.replace(f"{compiling_text()}\n", "")
+    return status, captured.out, without_stages(captured.err.replace(f"{compiling_text()}\n", ""))
 
 
 def run_options() -> dict[str, Any]:

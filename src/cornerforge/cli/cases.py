@@ -85,7 +85,7 @@ def generate(
             progress=bars, **world,
         ),
         lambda r: "\n".join([rate_text(r, f"{r.cases:,} cases in {r.library}"), *fault_text(r.av_faults)]),
-        as_json=as_json, quiet=quiet, at=(engine, address, threads),
+        as_json=as_json, quiet=quiet, stages=True, at=(engine, address, threads),
     )  # fmt: skip
 
 
@@ -143,7 +143,7 @@ def analyse(
             library, steps=steps, out=out, avoidability=avoidability, reaction=reaction, purpose=purpose, seed=seed,
             threads=threads, progress=bars,
         ),
-        text, as_json=as_json, quiet=quiet, at=(engine, address, threads),
+        text, as_json=as_json, quiet=quiet, stages=True, at=(engine, address, threads),
     )  # fmt: skip
 
 

@@ -152,7 +152,7 @@ def rate(
         lambda r: "\n".join(
             [rate_text(r, f"{world['av']}, natural traffic"), *fault_text(r.av_faults), *crashes_text(r, target_rhw)]
         ),
-        as_json=as_json, quiet=quiet, at=(engine, address, threads),
+        as_json=as_json, quiet=quiet, stages=True, at=(engine, address, threads),
     )  # fmt: skip
     doubt = doubt_text(found)
     if doubt is not None:

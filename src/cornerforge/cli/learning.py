@@ -73,7 +73,7 @@ def train(
             decisions=decisions, minutes=minutes, resume=resume, tests=tests,
             seed=seed, threads=threads, progress=bars, **world,
         ),
-        text, as_json=as_json, quiet=quiet,
+        text, as_json=as_json, quiet=quiet, stages=True,
     )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -43,16 +44,50 @@ EXIT_GATE = 1
 
 
 class Bars:
-    """Progress bars on standard error, one per stage, with rate and time left; silent when that is no terminal."""
+    """Progress on standard error: on a terminal bars, one per stage, with rate and time left; else a line per stage.
 
-    def __init__(self, quiet: bool) -> None:
+    Args:
+        quiet: Say nothing.
+        lines: Where there is no terminal, say of each stage that has ended how long it took.
+    """
+
+    def __init__(self, quiet: bool, *, lines: bool = False) -> None:
         self.show = not quiet and sys.stderr.isatty()
+        self._lines = lines and not quiet and not self.show
         self._bars: RichProgress | None = None
         self._stage = ""
         self._task: TaskID | None = None
+        self._number, self._of = 0, 0
+        self._begun = time.monotonic()
+
+    def begin_part(self, number: int, of: int) -> None:
+        """Take it that the present stage has ended, and that part `number` of `of` begins."""
+        if self._lines:
+            self._end_stage()
+            self._number, self._of = number, of
+
+    def _end_stage(self) -> None:
+        """Say how long the present stage took, if there is one; the next begins now."""
+        now = time.monotonic()
+        took, self._begun = now - self._begun, now
+        if not self._stage:
+            return
+        if not self._of:
+            self._number += 1
+        number = f"{self._number} of {self._of}" if self._of else f"{self._number}"
+        typer.echo(f"stage {number}: {self._stage}, {took:.{0 if took >= 10.0 else 1}f} s", err=True)
+        self._stage = ""
 
     def __call__(self, stage: str, done: float, total: float) -> None:
-        """Draw; a new stage gets a new bar."""
+        """Draw; a new stage gets a new bar, or ends the line of the one before."""
+        name = stage.partition(" (")[0]  # what stands in brackets may change while a stage lasts
+        if self._lines and name != self._stage:
+            begun = self._stage == ""
+            before = self._begun
+            self._end_stage()
+            if begun:  # what came before the first report belongs to it
+                self._begun = before
+            self._stage = name
         if not self.show:
             return
         from rich.console import Console
@@ -74,7 +109,6 @@ class Bars:
             )
             self._bars = Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=Console(stderr=True))
             self._bars.start()
-        name = stage.partition(" (")[0]  # what stands in brackets may change while a stage lasts
         if name != self._stage or self._task is None:
             self._stage = name
             # Work of an earlier session does not count for the speed of this one.
@@ -83,8 +117,10 @@ class Bars:
         text = f"{speed_text(speed)}/s" if speed else ""
         self._bars.update(self._task, description=stage, completed=done, total=total, rate=text)
 
-    def stop(self) -> None:
-        """Leave the bars as they are."""
+    def stop(self, *, finished: bool = False) -> None:
+        """Leave the bars as they are; `finished`: the last stage has ended."""
+        if self._lines and finished:
+            self._end_stage()
         if self._bars is not None:
             self._bars.stop()
 
@@ -98,6 +134,7 @@ def run_command(
     quiet: bool,
     out: Path | None = None,
     at: tuple[str, str | None, int | None] = ("threads", None, None),
+    stages: bool = False,
 ) -> T:
     """Do the work with progress bars, then print its result as JSON or the text made of it.
 
@@ -108,6 +145,7 @@ def run_command(
         quiet: Print no text.
         out: New file that the JSON goes to as well; for commands without output of their own.
         at: Where it is done: engine, address and workers of `cornerforge.engine`.
+        stages: It may take minutes; without a terminal, say on standard error what each of its stages took.
     """
     from cornerforge._jit import announce_compiling
     from cornerforge.execution import engine
@@ -117,7 +155,7 @@ def run_command(
 
     if out is not None:
         check_new_file(out)
-    bars = Bars(quiet)
+    bars = Bars(quiet, lines=stages)
     try:
         compiling = announce_compiling(lambda: None if quiet else typer.echo(compiling_text(), err=True))
         told = announced(lambda text: None if quiet else typer.echo(text, err=True))
@@ -127,6 +165,7 @@ def run_command(
             call.finding_modules(),
         ):  # fmt: skip
             result = work(bars)
+        bars.stop(finished=True)
     finally:
         bars.stop()
     content = result_as_json(result)

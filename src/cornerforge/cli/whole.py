@@ -129,7 +129,7 @@ def run(
             effort=effort, hours=hours, stand_in=stand_in, out=out, budget=budget, reward=reward,
             resume=resume, seed=seed, threads=threads, progress=bars, **world,
         ),
-        text, as_json=as_json, quiet=quiet,
+        text, as_json=as_json, quiet=quiet, stages=True,
     )  # fmt: skip
 
 
@@ -157,7 +157,7 @@ def report(
         lambda bars: cornerforge.make_report(
             place, out=out, avoidability=avoidability, reaction=reaction, seed=seed, threads=threads, progress=bars
         ),
-        lambda r: f"Report: {r.report}", as_json=as_json, quiet=quiet,
+        lambda r: f"Report: {r.report}", as_json=as_json, quiet=quiet, stages=True,
     )  # fmt: skip
 
 

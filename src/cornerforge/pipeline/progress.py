@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
-__all__ = ["NO_PROGRESS", "Moving", "Progress", "moving"]
+__all__ = ["NO_PROGRESS", "Moving", "Progress", "begin_part", "moving"]
 
 _TICK_SECONDS = 1.0
 
@@ -24,6 +24,13 @@ class Progress(Protocol):
 
 def NO_PROGRESS(stage: str, done: float, total: float) -> None:  # noqa: N802  (a constant: the progress that says nothing)
     """Report nothing."""
+
+
+def begin_part(progress: Progress, number: int, of: int) -> None:
+    """Tell a progress that has `begin_part` too that part `number` of a whole job begins; there are `of` of them."""
+    begin = getattr(progress, "begin_part", None)
+    if begin is not None:
+        begin(number, of)
 
 
 class Moving:

@@ -26,7 +26,7 @@ from cornerforge.pipeline.output import (
     version,
     write_json,
 )
-from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress, begin_part
 from cornerforge.pipeline.rate import rate, why_only_counting
 from cornerforge.pipeline.setting import AV_LOG, Experiment, check_threads, experiment
 from cornerforge.pipeline.stages import (
@@ -55,6 +55,8 @@ __all__ = ["EFFORTS", "Effort", "run"]
 
 STAND_IN = "idm-mobil"
 """The AV that an adversary learns against when there is no time to learn against the AV under test."""
+_STAGES = 10
+"""Stages of a run, the report among them."""
 EXPOSURE_TESTS_START = 1 << 42
 """Number of the first test whose distances and TTC are counted with the adversary."""
 
@@ -194,7 +196,7 @@ def run(
     )  # fmt: skip
     for one in (natural, plain):
         one.keep_printed(folder / AV_LOG)
-    once = Stages(folder).do
+    once = Stages(folder, progress, of=_STAGES).do
     nde = once("nde", Counted, lambda: count(natural, size.nde_tests, 0, seed, threads, progress, "natural traffic"))
     natural.rest()
     often = once(
@@ -222,13 +224,18 @@ def run(
     policy = load_policy(folder / "policy.safetensors")
     hostile = experiment(options, policy=policy, takes_foreign=True, seed=seed)
     hostile.keep_printed(folder / AV_LOG)
-    tests = size.evaluation_tests
     evaluation = once(
         "evaluate",
         Yield,
-        lambda: evaluate(hostile, tests=tests, seed=seed, reward=reward, threads=threads, progress=progress),
+        lambda: evaluate(
+            hostile, tests=size.evaluation_tests, seed=seed, reward=reward, threads=threads, progress=progress
+        ),
     )
-    baselines = once("baselines", PlainRates, lambda: plain_rates(plain, tests, reward, seed, threads, progress))
+    baselines = once(
+        "baselines",
+        PlainRates,
+        lambda: plain_rates(plain, size.evaluation_tests, reward, seed, threads, progress),
+    )
     exposed = once(
         "exposure",
         Counted,
@@ -251,6 +258,7 @@ def run(
     )
     from cornerforge.report import write_report
 
+    begin_part(progress, _STAGES, _STAGES)
     progress("report", 0, 1)
     done = RunDone(
         out=str(folder),

@@ -17,7 +17,7 @@ from cornerforge.pipeline.analyse import ANALYSIS_FILES, analyse
 from cornerforge.pipeline.counting import simulate_experiment, tally_summary
 from cornerforge.pipeline.generate import MODEL_FILE
 from cornerforge.pipeline.output import read_json_file, write_json
-from cornerforge.pipeline.progress import Progress
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress, begin_part
 from cornerforge.pipeline.setting import Experiment
 from cornerforge.pipeline.train import canonical_curve, learn, measure_baselines, point_seconds, training_faults
 from cornerforge.results import Analysed, NaturalRate, Simulated, as_json, from_json
@@ -39,10 +39,16 @@ ANALYSED_FILES = tuple(f"analysis/{name}" for name in ANALYSIS_FILES)
 
 
 class Stages:
-    """Runner of stages: each runs once; `stages/NAME.json` holds its result and appears only when it is complete."""
+    """Runner of stages: each runs once; `stages/NAME.json` holds its result and appears only when it is complete.
 
-    def __init__(self, out: Path) -> None:
-        self._out = out
+    Args:
+        out: The output folder.
+        progress: Told which stage begins, if their number is known.
+        of: Their number, with what comes after them; None: not known.
+    """
+
+    def __init__(self, out: Path, progress: Progress = NO_PROGRESS, of: int | None = None) -> None:
+        self._out, self._progress, self._of, self._begun = out, progress, of, 0
 
     def do(self, name: str, kind: type[T], work: Callable[[], T], makes: Sequence[str] = ()) -> T:
         """Give the result of a stage, from its file if it is there; else do the work and leave the file.
@@ -56,6 +62,9 @@ class Stages:
         Raises:
             FileFormatError: The file is damaged.
         """
+        self._begun += 1
+        if self._of is not None:
+            begin_part(self._progress, self._begun, self._of)
         path = self._out / "stages" / f"{name}.json"
         if not all(file.exists() for file in (path, *(self._out / made for made in makes))):
             write_json(path, as_json(work()))
