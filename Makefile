@@ -54,6 +54,7 @@ web: $(WEB) ## build the explorer's page into the package (needs Node.js 20 or n
 
 demo: $(RUN) ## find, sort and report corner cases of a built-in AV, and of one with a flaw, within minutes; goes on where it was stopped
 	@$(BIN)/cornerforge run --effort quick --out $(OUT) --resume
+	@echo "The first report: $(OUT)/report.html (the AV with a flaw follows)"
 	@$(BIN)/cornerforge rate --av flawed-not-behind --out $(OUT)-flawed --resume
 	@$(BIN)/cornerforge report $(OUT)-flawed --out $(OUT)-flawed/page
 	@echo "The reports (open them in a browser): $(OUT)/report.html, and of an AV with a flaw $(OUT)-flawed/page/report.html"
