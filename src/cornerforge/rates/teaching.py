@@ -212,9 +212,13 @@ class _School:
         w = torch.from_numpy((weight / weight.mean()).astype(np.float32))
         for _ in range(steps):
             batch = torch.from_numpy(self._rng.integers(0, len(y), _BATCH))
-            log = self._net(x[batch])[:, 0].clamp(*_LOG_LIMITS)
+            log = self._net(x.index_select(0, batch))[:, 0].clamp(*_LOG_LIMITS)
             mean = torch.exp(log)
-            loss = (w[batch] * (mean - y[batch] * log) / (mean.detach() + _NOTHING) ** _POWER).mean()
+            loss = (
+                w.index_select(0, batch)
+                * (mean - y.index_select(0, batch) * log)
+                / (mean.detach() + _NOTHING) ** _POWER
+            ).mean()
             optimiser.zero_grad()
             loss.backward()
             torch.nn.utils.clip_grad_norm_(self._net.parameters(), 5.0)
