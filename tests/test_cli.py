@@ -536,7 +536,9 @@ def test_lines_say_time_part_and_name(capsys: Capture, monkeypatch: pytest.Monke
     assert capsys.readouterr().err == "stage 3 of 7: train, 52 s\nstage 4 of 7: evaluate, 16 s\n"
 
 
-def test_compiling_is_said_without_a_terminal_too(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compiling_is_said_without_a_terminal_too(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     """One line on standard error, whatever is compiled; none with --quiet; another where nothing can be kept."""
     monkeypatch.setattr(cornerforge._kernel_cache, "cache_folder", lambda: "")
 
@@ -558,7 +560,7 @@ def test_compiling_is_said_without_a_terminal_too(capsys: Capture, monkeypatch: 
     assert captured.out == '{"sum": 2}\n' * 2
     assert captured.err.count("\n") == 1
     assert "NUMBA_CACHE_DIR" in captured.err
-    monkeypatch.setattr(cornerforge._kernel_cache, "cache_folder", lambda: "folder")
+    monkeypatch.setattr(cornerforge._kernel_cache, "cache_folder", lambda: str(tmp_path))
     run_command(work, str, as_json=False, quiet=False)
     assert "then it is kept" in capsys.readouterr().err
 
