@@ -147,6 +147,7 @@ def test_an_example_with_a_wrong_option_would_be_found() -> None:
         context_of(shlex.split("simulate --test 5"), read=True)
 
 
+@pytest.mark.full
 def test_a_shell_completes_names_that_the_program_knows() -> None:
     def completed(command: str, option: str, begun: str = "") -> set[str]:
         context = context_of(command.split(), read=False)
@@ -505,6 +506,7 @@ LINES = {
 }
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", LINES)
 def test_long_commands_tell_their_stages(name: str, files: Path, tmp_path: Path, capsys: Capture) -> None:
     text, stages = LINES[name]
@@ -828,7 +830,7 @@ def test_a_closed_stream_is_no_failed_gate(line: str, status: int, tmp_path: Pat
         json.loads(file.read_text(encoding="utf-8"))
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.full
 @shell
 @pytest.mark.parametrize("line", ["avs", "--help", "avs --json", "no-such-command 2>&1"])
 def test_a_reader_that_leaves_ends_it_as_it_ends_other_programs(line: str, tmp_path: Path) -> None:

@@ -55,6 +55,7 @@ def usual(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     return monkeypatch
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("width", [*range(60, 86), 97, 120, 144, 205, 301])
 def test_the_page_is_the_one_that_typer_writes(usual: pytest.MonkeyPatch, capsys: Capture, width: int) -> None:
     usual.setenv("COLUMNS", str(width))

@@ -204,6 +204,7 @@ def _run_cached(**environment: str) -> tuple[list[str], str]:
     return done.stdout.split(), done.stderr
 
 
+@pytest.mark.full
 def test_a_program_without_any_writable_place_compiles_for_itself(tmp_path: Path) -> None:
     """Package and home are read-only; a file where a folder should be stops root too."""
     package = Path(cornerforge._jit.__file__).parent
@@ -225,6 +226,7 @@ def test_a_user_without_a_home_has_the_package_s_place_only(monkeypatch: pytest.
     assert list(_kernel_cache._places()) == [Path(_kernel_cache.__file__).parent / "__pycache__"]
 
 
+@pytest.mark.full
 def test_a_folder_that_is_filled_and_read_only_is_read(tmp_path: Path) -> None:
     """What a container has compiled into its image is used, though nothing can be written there."""
     package = Path(cornerforge._jit.__file__).parent
@@ -239,6 +241,7 @@ def test_a_folder_that_is_filled_and_read_only_is_read(tmp_path: Path) -> None:
     assert _run_cached(**place) == (["1", "0"], "")
 
 
+@pytest.mark.full
 def test_a_full_disk_costs_time_and_nothing_else(tmp_path: Path) -> None:
     """What cannot be kept is compiled again by the next process; one line says so."""
     limited = "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (512, 512))\n" + CACHED
@@ -387,6 +390,7 @@ def machine_code_of_rooms(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return cache
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("room", "old", "new", "said"),
     [

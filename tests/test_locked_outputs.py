@@ -61,7 +61,7 @@ def test_every_command_is_listed() -> None:
     assert wanted <= listed
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("given", OUTPUTS)
 def test_a_second_call_is_refused_in_one_line_and_changes_nothing(
     given: str, words: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]

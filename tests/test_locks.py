@@ -135,6 +135,7 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
         claim_file(tmp_path / "file" / "in")
 
 
+@pytest.mark.full
 def test_of_many_processes_that_start_together_one_gets_the_place(tmp_path: Path) -> None:
     place, go = tmp_path / "out", tmp_path / "go"
     script = _HOLDER.replace("with claims", f"\nwhile not Path({str(go)!r}).exists(): time.sleep(0.0005)\nwith claims")

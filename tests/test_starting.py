@@ -44,6 +44,7 @@ def test_simulate_loads_what_drives_tests_and_no_more(tmp_path: Path) -> None:
     assert not {f"cornerforge.{name}" for name in own} & loaded
 
 
+@pytest.mark.full
 def test_a_library_is_loaded_where_crashes_are_stored(tmp_path: Path) -> None:
     run = "import cornerforge; cornerforge.simulate(tests=2, out='crashes')"
     assert {"pyarrow", "cornerforge.library"} <= loaded_by(run, tmp_path)

@@ -263,6 +263,7 @@ def test_an_identity_that_hides_a_difference_still_gives_an_error_of_ours(world:
         go(world, replace(TINY, width=32), CheckpointFile(stopped, IDENTITY))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("keep", [0, 5, 1000, -1])
 def test_a_truncated_checkpoint_is_named(keep: int, world: Experiment, stopped: Path) -> None:
     stopped.write_bytes(stopped.read_bytes()[:keep])

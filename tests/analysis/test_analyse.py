@@ -87,6 +87,7 @@ def test_structureless_crashes_are_one_cluster_of_the_majority() -> None:
     assert [one.group for one in result.clusters].count("majority") == 1
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("steps", [1, 5, 15])
 def test_json_agrees_with_itself_and_with_the_points(steps: int) -> None:
     ids, history, _ = crashes(400)
@@ -110,6 +111,7 @@ def test_json_agrees_with_itself_and_with_the_points(steps: int) -> None:
         assert len(one["typical"]) == min(3, one["size"])
 
 
+@pytest.mark.full
 def test_same_input_same_answer_and_order_of_cases_does_not_matter_to_the_split() -> None:
     ids, history, _ = crashes(500)
     one, other = analyse(ids, history).to_json(), analyse(ids, history).to_json()

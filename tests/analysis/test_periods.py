@@ -48,6 +48,7 @@ def test_a_period_is_the_analysis_of_its_features() -> None:
     assert [[str(row) for row in one.typical] for one in alone.groups] == [list(one.typical) for one in whole.clusters]
 
 
+@pytest.mark.full
 def test_excluded_periods_hold_fewer_cases_and_none_is_an_error() -> None:
     found = analyse_periods(some_history(60), short="exclude")
     assert [len(one.kept) for one in found] == [60, 60, 60, 40, 40, 40, 40, 40]

@@ -39,6 +39,8 @@ from ledger import (  # noqa: E402
     write_ledger,
 )
 
+pytestmark = pytest.mark.full
+
 IDENTITY = {"seed": 0, "av_hash": "a", "model_hash": "m", "simulation": "s"}
 
 
@@ -176,7 +178,6 @@ def untimed(entry: Entry) -> Entry:
     return replace(entry, counts=replace(entry.counts, seconds=0.0, cpu_seconds=0.0))
 
 
-@pytest.mark.full
 def test_a_ledger_alone_is_enough_to_go_on(crashing: Setting, tmp_path: Path) -> None:
     """Two sessions, the second on a machine that has the ledger only, give what one session gives."""
     assert run(tmp_path, "whole") == 0
@@ -234,7 +235,6 @@ def other_code(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ground_truth, "simulation_hash", lambda: "rewritten")
 
 
-@pytest.mark.full
 def test_rewritten_code_of_the_same_bits_takes_an_entry_over(
     crashing: Setting, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

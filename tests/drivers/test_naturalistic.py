@@ -321,6 +321,7 @@ def test_who_has_no_memory_takes_the_word_as_it_is(word: np.uint64, before: floa
     assert remembered_share(float(uniform(word)), before, habit, none) == uniform(word)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("before", "habit"), [(0.5, 0.5), (0.02, 0.9), (0.99, 0.1)])
 def test_words_that_remember_have_the_stated_distribution(words: np.ndarray, before: float, habit: float) -> None:
     # H0: quantiles are independent draws of `remembered_share`; unit: a test's word; n = 100,000 sees 0.009.

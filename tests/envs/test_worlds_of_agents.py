@@ -82,6 +82,7 @@ def assert_same_tests(batch: BvBatch | AvBatch, run: Experiment) -> Outcomes:
     return out
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("kind", "bounded", "odd"),
     [("swerve", False, "default"), ("uniform", False, "paper"), ("uniform", True, "swift")],
@@ -93,6 +94,7 @@ def test_the_controlled_bv_does_what_the_agent_says(kind: str, bounded: bool, od
     assert len(set(out.code.tolist())) > 1, "too little happened"
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("bv", "odd"), [("nde", "default"), ("swerve", "default"), ("uniform", "paper"), ("idm", "swift")]
 )
@@ -130,6 +132,7 @@ def test_at_the_end_everybody_stands_where_the_recording_says(reckless: Path) ->
     assert within_a_second > N // 4
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("reward", ["crash", "striking", "avoidable", "preventable", "own-fault"])
 def test_the_adversary_is_paid_as_its_crashes_are_judged(reward: str, reckless: Path) -> None:
     """One sum per test, by the judgement of the same tests driven again; two threads with scratch of their own."""

@@ -181,6 +181,7 @@ def test_actions_are_those_of_the_environment() -> None:
             answers_of_predicted(wrong, 1)
 
 
+@pytest.mark.full
 def test_a_policy_of_stable_baselines3_is_asked_in_blocks() -> None:
     sb3 = pytest.importorskip("stable_baselines3")
     import gymnasium

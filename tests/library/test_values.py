@@ -118,7 +118,7 @@ def refused(kind: str, must: str) -> str:
     return f'{kind}-000001.parquet: "[a-z0-9_]+"(\\[\\d+\\])? of row .*({must})'
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("column", "value", "must"), CASES, ids=[f"{row[0]}-{i}" for i, row in enumerate(CASES)])
 def test_an_impossible_value_of_a_case_is_refused(filled: Path, column: str, value: Any, must: str) -> None:
     rewrite(filled, "cases", set_cell(column, value))
@@ -129,7 +129,7 @@ def test_an_impossible_value_of_a_case_is_refused(filled: Path, column: str, val
     assert [text.split()[0] for text in library.verify()] == ["cases-000001.parquet"]
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("column", "value", "must"), TRACKS, ids=[f"{row[0]}-{i}" for i, row in enumerate(TRACKS)])
 def test_an_impossible_trajectory_is_refused(filled: Path, column: str, value: Any, must: str) -> None:
     rewrite(filled, "tracks", set_cell(column, value))

@@ -62,6 +62,7 @@ def test_factors_have_the_stated_widths_and_limits(model: NddModel, factors: dic
     assert (stated["law"]["degrees"] * factors["law", "degrees"]).min() == pytest.approx(3.0)
 
 
+@pytest.mark.full
 def test_factors_of_different_numbers_and_draws_are_independent(factors: dict[tuple[str, str], Any]) -> None:
     """The correlation of n independent pairs has a standard deviation of n^-1/2: six of them, over 300 pairs."""
     logs = np.log(np.array(list(factors.values())))
@@ -83,6 +84,7 @@ def test_a_draw_is_its_seed_and_number(model: NddModel) -> None:
     assert ((one.following > 0.0) | (one.following == 0.0)).all()
 
 
+@pytest.mark.full
 def test_rows_of_data_scatter_like_their_decisions_say(model: NddModel) -> None:
     """Variance of p under Dirichlet(a p) is p (1 - p) / (a + 1), summed over the 551 rows with data."""
     seed, k = 1, 2

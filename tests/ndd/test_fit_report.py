@@ -120,6 +120,7 @@ def test_a_shorter_window_leaves_more_noise_in_the_spread(study: tuple[Mapping[s
     assert sd["smoothing windows x 0.6"] > sd["as fitted"]
 
 
+@pytest.mark.full
 def test_the_page_shows_the_study(model: NddModel, study: tuple[Mapping[str, Any], ...], tmp_path: Path) -> None:
     page = page_of(model, tmp_path / "s.html", study)
     assert "Not studied" not in page

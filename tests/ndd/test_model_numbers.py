@@ -32,7 +32,7 @@ IMPOSSIBLE = {
 }
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", IMPOSSIBLE)
 def test_an_impossible_number_is_refused_by_name(tmp_path: Path, name: str) -> None:
     content = read_arrays(default_model_path(), "model")

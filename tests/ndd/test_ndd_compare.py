@@ -174,6 +174,7 @@ def lane_file(path: Path, changes: int) -> Reading:
     return read_decisions([path], "tracks")[0]
 
 
+@pytest.mark.full
 def test_lane_changes_are_compared_where_lanes_are_known(model: NddModel, tmp_path: Path) -> None:
     traffic = traffic_of(drivers(100_000, MANY, 1))
     lead = traffic.quantities["accepted_lead_gap"].counts

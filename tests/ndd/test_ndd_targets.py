@@ -39,6 +39,7 @@ def test_what_is_scored_was_held_out(found: Validation) -> None:
         assert not any("no evidence" in note for note in found.notes)
 
 
+@pytest.mark.full
 def test_held_out_decisions_are_as_likely_as_asked_for(found: Validation) -> None:
     for name, target in TARGETS.items():
         assert found.files[name]["law"].model >= target, name

@@ -136,6 +136,7 @@ def test_a_rate_without_crashes_says_how_to_get_some(tmp_path: Path) -> None:
         cornerforge.analyse(tmp_path / "r" / "library")
 
 
+@pytest.mark.full
 def test_cases_of_an_adversary_have_no_natural_rate(swerve_library: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plain = cornerforge.analyse(swerve_library, avoidability="none")
     assert (plain.natural, plain.purpose) == (None, "attack")

@@ -68,7 +68,7 @@ def analysed(folder: Path, reward: str) -> dict[int, tuple[bool, bool]]:
     return {int(row["case_id"].partition(":")[2]): paid(row) for row in rows}
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("reward", BY_CASE)
 def test_a_crash_is_paid_for_as_an_analysis_says(reward: str, library: tuple[dict[str, Any], Path]) -> None:
     world, folder = library
@@ -119,6 +119,7 @@ def test_a_learners_crashes_are_the_cases_of_the_library(library: tuple[dict[str
     assert paid & tests == {test for test, (is_paid, _) in analysed(folder, "own-fault").items() if is_paid} & tests
 
 
+@pytest.mark.full
 def test_a_training_pays_by_verdict() -> None:
     """Tests of the curve are paid if the judge says so; one that never pays leaves the learner nothing but -1 and 0."""
     run = experiment(bv="uniform")

@@ -67,7 +67,7 @@ DRAWN: dict[type, st.SearchStrategy[Any]] = {
 }
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("kind", KINDS)
 @given(data=st.data())
 def test_a_result_comes_back_from_its_json(kind: type, data: st.DataObject) -> None:

@@ -388,6 +388,7 @@ def both_worlds(
     return fast, plain
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("wish", [0.05, 0.3, 0.5])
 def test_equal_to_a_sum_over_all_cases(model: NddModel, wish: float, seed: int) -> None:
     rng = np.random.default_rng([seed, round(100 * wish)])

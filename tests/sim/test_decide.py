@@ -221,6 +221,7 @@ def test_frequencies_match_the_probabilities(reckless: NddModel, name: str) -> N
         assert l1_distance(counts, np.concatenate([p[1::-1], p[2:]])) > bound
 
 
+@pytest.mark.full
 def test_between_two_lanes_both_leads_are_minded(model: NddModel) -> None:
     # H0 as above, for a vehicle in a lane change with a lead in each of its lanes; n = 50,000 sees 0.04.
     n = 50_000

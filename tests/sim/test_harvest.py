@@ -65,6 +65,7 @@ def referee(scenarios: Sequence[Scenario], found: tuple[pa.Table, pa.Table]) -> 
     same(found[1], [tracks for _, tracks in expected])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("kind", "odd"),
     [
@@ -127,6 +128,7 @@ def assert_equal(a: Harvested, b: Harvested) -> None:
         assert repr(ours.to_pylist()) == repr(theirs.to_pylist())  # NaN equals NaN there
 
 
+@pytest.mark.full
 def test_a_full_buffer_changes_nothing(reckless: NddModel) -> None:
     """More crashes than the buffers hold, in one range or in many."""
     road = Odd()

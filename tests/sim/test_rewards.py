@@ -108,6 +108,7 @@ def test_unknown_rewards_and_times_out_of_range_are_named() -> None:
             reward_numbers("avoidable", **wrong)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", [name for name, reward in REWARDS.items() if not reward.by_case])
 @pytest.mark.parametrize("adversary", ["swerve", "lane-changer"])
 def test_collect_pays_as_tests_judged_apart(name: str, adversary: str, model: NddModel, seed: int) -> None:

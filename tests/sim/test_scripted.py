@@ -74,6 +74,7 @@ def natural(start: NDArray[np.void], decisions: int) -> Script:
     return Script(slots, start, np.full((decisions, start.size), NATURAL, dtype=np.int8))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", RUNS)
 def test_the_script_of_a_test_is_that_test_bit_for_bit(name: str) -> None:
     run = experiment(**RUNS[name])  # type: ignore[arg-type]
@@ -99,6 +100,7 @@ def forgetful(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", RUNS)
 def test_without_memory_the_chances_are_those_of_the_test_too(name: str, forgetful: Path) -> None:
     """A script tells actions, not where in its interval each quantile was, which drivers with a memory go on from."""

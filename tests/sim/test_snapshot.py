@@ -52,6 +52,7 @@ def stored(world: World, setting: Setting) -> World:
     return taken_up
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("bvs", DRIVERS, ids=[bvs.name for bvs in DRIVERS])
 def test_a_test_that_was_cut_at_a_random_second_ends_as_the_uncut_one(model: NddModel, bvs: Bvs) -> None:
     tests = TESTS // len(DRIVERS)
@@ -76,6 +77,7 @@ def test_a_test_that_was_cut_at_a_random_second_ends_as_the_uncut_one(model: Ndd
     assert cut > tests // 2
 
 
+@pytest.mark.full
 def test_a_test_can_be_left_within_a_second_too(model: NddModel) -> None:
     """Where an AV outside is asked, every 0.1 s, the world goes through bytes."""
     setting = DRIVERS[7].setting(model, Odd(), "idm-mobil").with_drivers(av=OUTSIDE)

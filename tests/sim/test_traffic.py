@@ -78,6 +78,7 @@ def test_nobody_overlaps_and_nobody_starts_in_danger(
     assert drivers == "model" or shortest < 1.02 * low  # where speeds differ much, the rule does bind
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("name", sorted(AVS))
 def test_the_av_starts_at_no_less_than_its_desired_gap(model: NddModel, seed: int, name: str) -> None:
     setting = setting_of(model, ODD, av=AVS[name])
@@ -109,6 +110,7 @@ def chain_of(vehicles: np.ndarray) -> np.ndarray:
     return np.sort(vehicles[vehicles["target_lane"] == lane], order="x")
 
 
+@pytest.mark.full
 def test_speeds_keep_their_distribution_along_the_chain(worlds: list[np.ndarray], model: NddModel) -> None:
     # H0: speeds of the AVs, and of the first, second and fourth vehicle of another lane, have one distribution; unit: a
     # test; n = 20,000 sees errors of 0.02. (Hardly a lane has three vehicles only: later places select dense lanes.)
@@ -198,6 +200,7 @@ def test_a_stream_is_faster_because_its_drivers_want_to(worlds: list[np.ndarray]
     assert abs(desired.var() / expected - 1.0) < 5.0 * (2.0 / N) ** 0.5
 
 
+@pytest.mark.full
 def test_first_quantiles_and_habits_are_uniform(worlds: list[np.ndarray], model: NddModel, mindful: NddModel) -> None:
     # H0: independent uniform draws; unit: a test; n = 20,000 sees 0.02. A habit suits the time gap where it must.
     bound = dkw_bound(N, comparisons=3)

@@ -165,14 +165,14 @@ def compare(case: Case, model: NddModel) -> Drive:
     return drive
 
 
-@pytest.mark.sampled(16)
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("number", range(QUICK))
 def test_equal_bit_for_bit(number: int, model: NddModel, reckless: NddModel) -> None:
     chosen = case(number)
     compare(chosen, reckless if chosen.reckless else model)
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("number", range(MINDFUL))
 def test_equal_bit_for_bit_with_habits_and_few_cars(number: int, mindful: NddModel) -> None:
     chosen = case(number)
