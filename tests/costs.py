@@ -22,7 +22,7 @@ __all__ = ["Ledger", "Row", "table"]
 
 _STARTS = {"subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn"}
 """Audit events of Python that mean a new process; `subprocess.Popen` names its own fork or spawn as itself alone."""
-_SHOWN_S = 2.0
+_SHOWN_S = 5.0
 
 
 @dataclass
