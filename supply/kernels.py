@@ -72,6 +72,8 @@ from fuzz.seeds import small_trees
 
 def compiled(processor: str | None) -> list[Path]:
     """Compile for a processor, this one by default, if that was not done yet; return the files of machine code."""
+    if not cache_folder():
+        sys.exit("No folder for machine code can be written; name one in NUMBA_CACHE_DIR.")
     told = f"{code_hash()} {target()} {processor} {JOBS}"
     stamp = Path(cache_folder()) / f"all-{hashlib.sha256(told.encode()).hexdigest()[:16]}.stamp"
     if not stamp.exists():

@@ -11,6 +11,7 @@ link in the file's own place is replaced, not followed.
 from __future__ import annotations
 
 import errno
+import functools
 import os
 import re
 import secrets
@@ -58,8 +59,25 @@ def is_part_of(name: str, path: Path) -> bool:
 
 def remove_parts(path: Path) -> None:
     """Remove what killed processes have begun to write of a file; parts of living processes and links stay."""
+    _remove_dead(path, _parts_in(str(path.parent)))
+
+
+@functools.lru_cache(maxsize=64)
+def _parts_before(folder: str) -> list[str]:
+    """List the parts in a folder when this process first wrote there: a folder of many files is not listed for each."""
+    return _parts_in(folder)
+
+
+def _parts_in(folder: str) -> list[str]:
     with suppress(FileNotFoundError):
-        for name in [name for name in os.listdir(path.parent) if is_part_of(name, path)]:
+        return [name for name in os.listdir(folder) if name.endswith(PART)]
+    return []
+
+
+def _remove_dead(path: Path, parts: list[str]) -> None:
+    """Remove those of these parts that were to become `path`, and that no process holds."""
+    for name in parts:
+        if is_part_of(name, path):
             with suppress(OSError):
                 held = os.open(path.with_name(name), _LOOK)
                 try:
@@ -187,7 +205,7 @@ def writing(path: Path, what: str = "") -> Iterator[Path]:
             os.close(held)
             held = None
         os.replace(part, path)
-        remove_parts(path)
+        _remove_dead(path, _parts_before(str(path.parent)))
     except BaseException as error:
         if part is not None:
             with suppress(OSError):
