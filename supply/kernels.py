@@ -1,7 +1,8 @@
 """Compile what commands need, once, on all cores: `make kernels`, before tests; with a folder, for a wheel.
 
-Each job is a program of its own that calls verbs with small numbers; the kernels that they reach are then kept
-(`cornerforge._kernel_cache`). A job that was done for the same sources, processor and Numba is not done again.
+Each job is a program of its own that calls verbs with small numbers; the kernels that they reach, and the parts of
+these, are then kept (`cornerforge._kernel_cache`), so that a job does not compile what another one has. A job that was
+done for the same sources, processor and Numba is not done again.
 
 python supply/kernels.py [FOLDER]: with FOLDER, for the processors of `SHIPPED`, and copied there.
 """
@@ -15,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from cornerforge._kernel_cache import SHIPPED, cache_folder, target
@@ -28,6 +30,13 @@ cornerforge.simulate(tests=20, av="rl")
 cornerforge.train(out="p.safetensors", decisions=1024, tests=20)
 cornerforge.train(out="q.safetensors", decisions=1024, tests=20, reward="avoidable")
 cornerforge.train_av(out="a.safetensors", decisions=1024, tests=20)
+""",
+    "branches": """
+begin_elsewhere()
+cornerforge.generate(policy="swerve", cases=12, out="lib")
+with small_trees():
+    cornerforge.rate(method="splitting", av="flawed-not-behind", max_tests=6000)
+    cornerforge.rate(method="is", av="flawed-not-behind", max_tests=6000)
 import gymnasium, cornerforge.envs
 for name in ("Adversary-v0", "Driving-v0"):
     world = gymnasium.make(f"cornerforge/{name}")
@@ -43,9 +52,6 @@ cornerforge.rate(method="mc", av="flawed-not-behind", max_tests=300, out="r")
 cornerforge.retest("lib", av="rss-cautious")
 cornerforge.shrink("lib", [case], out="less")
 cornerforge.r157(families=["deceleration"], out="r157")
-with small_trees():
-    cornerforge.rate(method="splitting", av="flawed-not-behind", max_tests=6000)
-    cornerforge.rate(method="is", av="flawed-not-behind", max_tests=6000)
 cornerforge.import_cases([sys.argv[2] + "/interchange/data/cut_in.xosc"], out="imported")
 """,
 }  # fmt: skip
@@ -67,6 +73,21 @@ os.chdir(sys.argv[1])
 sys.path.insert(0, sys.argv[2])
 import cornerforge
 from fuzz.seeds import small_trees
+
+def begin_elsewhere():
+    # The other job compiles a second of driving from its start; this one begins with what comes later in that second.
+    import numba
+    from cornerforge.pipeline.setting import experiment
+    from cornerforge.sim import allocate_scratch, allocate_worlds, keep_nothing, loop, world_of
+    run = experiment()
+    setting, slots = run.setting, run.slots
+    world, keep = world_of(allocate_worlds(1, slots)), keep_nothing(slots)
+    scratch = allocate_scratch(slots, setting.who.policy)
+    for part, words in (
+        (loop._begin_second, (world, 0.0, 0, setting, scratch, keep)),
+        (loop.move_on, (world, 0, setting, keep.recording)),
+    ):
+        part._part.compile(tuple(map(numba.typeof, words)))
 """
 
 
@@ -87,16 +108,18 @@ def compiled(processor: str | None) -> list[Path]:
 
 
 def _run(work: Path, processor: str | None) -> set[str]:
-    """Run the jobs beside each other; return the names of the files that they used."""
+    """Run the jobs in order, two at once (more would compile the same parts); return the names of the files used."""
     surroundings = {**os.environ, "PYTHONWARNINGS": "ignore"}
     if processor:
         surroundings |= {"NUMBA_CPU_NAME": processor, "NUMBA_CPU_FEATURES": ""}
-    running = []
-    for name, job in JOBS.items():
+
+    def done(name: str) -> bool:
         (work / name).mkdir()
-        words = [sys.executable, "-c", _HEAD + job + _TAIL, str(work / name), str(ROOT / "tests")]
-        running.append(subprocess.Popen(words, stdout=subprocess.DEVNULL, env=surroundings))
-    failed = [name for name, one in zip(JOBS, running, strict=True) if one.wait() != 0]
+        words = [sys.executable, "-c", _HEAD + JOBS[name] + _TAIL, str(work / name), str(ROOT / "tests")]
+        return subprocess.run(words, stdout=subprocess.DEVNULL, env=surroundings, check=False).returncode == 0
+
+    with ThreadPoolExecutor(max_workers=2) as pool:
+        failed = [name for name, right in zip(JOBS, pool.map(done, JOBS), strict=True) if not right]
     if failed:
         sys.exit(f"Not all was compiled: {', '.join(failed)}")
     return {line for name in JOBS for line in (work / name / "used.txt").read_text(encoding="utf-8").split()}

@@ -36,6 +36,12 @@ NUMBERS = [
 ]
 
 
+def test_numbers_given_as_whole_ones_are_floats() -> None:
+    """Kernels would be compiled once more for them."""
+    whole = Odd(test_length=400, max_jerk=10)
+    assert (type(whole.test_length), type(whole.max_jerk)) == (float, float)
+
+
 def test_the_33_actions() -> None:
     assert {ACTION_LEFT, ACTION_RIGHT} == {0, 1}
     assert 2 + ACCELERATIONS.size == N_ACTIONS == 33

@@ -21,7 +21,7 @@ from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils, event, types
 from numba.extending import intrinsic
 
-from cornerforge._kernel_cache import KernelCache
+from cornerforge._kernel_cache import KernelCache, PartStore
 from cornerforge._kernel_parts import KernelDispatcher
 
 if TYPE_CHECKING:
@@ -86,6 +86,7 @@ def shared_kernel(function: F) -> F:
 def _compiled(function: F, options: dict[str, Any], *, shared: bool = False) -> F:
     dispatcher: Any = KernelDispatcher(function, options, shared=shared)
     dispatcher._cache = KernelCache(dispatcher)
+    dispatcher._part.store = PartStore(dispatcher)
     return cast("F", dispatcher)
 
 

@@ -20,7 +20,7 @@ import re
 import sys
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,7 @@ from cornerforge._files import read_bytes, writing
 from cornerforge._kernel_content import content_hash
 from cornerforge._kernel_parts import load_shared, shared_of
 
-__all__ = ["SHIPPED", "KernelCache", "cache_folder", "read_folders", "shipped_targets", "target"]
+__all__ = ["SHIPPED", "KernelCache", "PartStore", "cache_folder", "read_folders", "shipped_targets", "target"]
 
 _UNUSED_DAYS = 30.0
 _TOUCH_DAYS = 1.0
@@ -83,6 +83,7 @@ def _places() -> Iterator[Path]:
     yield _PACKAGE / "__pycache__"
 
 
+@functools.cache
 def _remove_unused(folder: Path) -> None:
     """Delete machine code that no program has used for a month: its sources or its installation are gone."""
     limit = time.time() - _UNUSED_DAYS * _DAY
@@ -139,53 +140,89 @@ class KernelCache:
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Read the kernel's machine code; None if it is absent or damaged."""
         target_context.refresh()
+
+        def rebuilt(kept: Any) -> Any:
+            shared, names, result = kept
+            load_shared(shared)
+            target_context.codegen()._engine._defined_symbols.update(names)
+            return CompileResult._rebuild(target_context, *result)
+
         files = [folder / self._name(sig, target()) for folder in read_folders()]
         files += [_PACKAGE / _FOLDER / self._name(sig, one) for one in shipped_targets()]
-        for file in files:
-            try:
-                content = read_bytes(file)
-            except FileNotFoundError:
-                continue
-            except OSError:
-                _drop(file)
-                continue
-            try:
-                shared, names, result = pickle.loads(_checked(content))
-                load_shared(shared)
-                target_context.codegen()._engine._defined_symbols.update(names)
-                found = CompileResult._rebuild(target_context, *result)
-            except Exception:  # damaged bytes, read as a pickle, can raise anything
-                _drop(file)
-                continue
-            _mark_as_used(file)
-            return found
-        return None
+        return _read(files, rebuilt)
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Write the kernel's machine code; where that fails, warn once."""
-        folder = cache_folder()
-        if not folder:
-            return
-        content = dumps((shared_of(data.library), *_without_bitcode(data)))
-        file = Path(folder) / self._name(sig, target())
-        try:
-            with writing(file) as part:
-                part.write_bytes(hashlib.sha256(content).digest() + content)
-        except OSError as error:
-            cause = error.__cause__ if isinstance(error.__cause__, OSError) else error
-            _warn_once(folder, cause.strerror or str(cause))
-        _remove_unused(Path(folder))
+        _write(self._name(sig, target()), lambda: (shared_of(data.library), *_without_bitcode(data)))
 
     def flush(self) -> None:
         """Do nothing: what is compiled anew has another name, or the same content."""
 
     def _name(self, sig: Any, made_for: str) -> str:
-        """Name the file: the kernel, for people, and the hash of all that its machine code depends on."""
-        function = self._kernel.py_func
-        told = f"{content_hash(self._kernel)} {sig} {made_for}"
-        digest = hashlib.sha256(told.encode()).hexdigest()[:32]
-        kernel = re.sub(r"[^\w.]", "", f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}")
-        return f"{kernel[:100]}-{digest}{_ENDING}"
+        return _name_of(self._kernel, sig, made_for)
+
+
+class PartStore:
+    """The cached files of one part, the form in which kernels call a kernel (`_kernel_parts`)."""
+
+    def __init__(self, kernel: Any) -> None:
+        self._kernel = kernel
+
+    def load(self, args: tuple[Any, ...]) -> Any:
+        """Read the part and those that it calls; None if it is absent or damaged."""
+        files = [folder / self._name(args) for folder in read_folders()]
+        return _read(files, lambda kept: self._kernel._part.thaw(args, kept))
+
+    def save(self, args: tuple[Any, ...], frozen: Any) -> None:
+        """Write the part; where that fails, warn once."""
+        _write(self._name(args), lambda: frozen)
+
+    def _name(self, args: tuple[Any, ...]) -> str:
+        return _name_of(self._kernel, f"part {args}", _told(target().partition(" ")[0], "", ""))
+
+
+def _name_of(kernel: Any, sig: Any, made_for: str) -> str:
+    """Name a file: the kernel, for people, and the hash of all that its code depends on."""
+    function = kernel.py_func
+    told = f"{content_hash(kernel)} {sig} {made_for}"
+    digest = hashlib.sha256(told.encode()).hexdigest()[:32]
+    name = re.sub(r"[^\w.]", "", f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}")
+    return f"{name[:100]}-{digest}{_ENDING}"
+
+
+def _read(files: list[Path], rebuilt: Callable[[Any], Any]) -> Any:
+    """Rebuild the first of some files that is there, and drop those that are damaged; None if none is left."""
+    for file in files:
+        try:
+            content = read_bytes(file)
+        except FileNotFoundError:
+            continue
+        except OSError:
+            _drop(file)
+            continue
+        try:
+            found = rebuilt(pickle.loads(_checked(content)))
+        except Exception:  # damaged bytes, read as a pickle, can raise anything
+            _drop(file)
+            continue
+        _mark_as_used(file)
+        return found
+    return None
+
+
+def _write(name: str, kept: Callable[[], Any]) -> None:
+    """Keep something in the folder for machine code; where that fails, warn once."""
+    folder = cache_folder()
+    if not folder:
+        return
+    content = dumps(kept())
+    try:
+        with writing(Path(folder) / name) as part:
+            part.write_bytes(hashlib.sha256(content).digest() + content)
+    except OSError as error:
+        cause = error.__cause__ if isinstance(error.__cause__, OSError) else error
+        _warn_once(folder, cause.strerror or str(cause))
+    _remove_unused(Path(folder))
 
 
 def _without_bitcode(result: Any) -> tuple[list[str], tuple[Any, ...]]:

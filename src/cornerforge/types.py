@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -187,6 +187,9 @@ class Odd:
         check_number("odd.slower_right", self.slower_right, low=0.0, high=10.0, unit="m/s")
         if self.max_jerk != math.inf:
             check_number("odd.max_jerk", self.max_jerk, low=0.5, high=1e3, unit="m/s3")
+        for one in fields(self):
+            if one.type == "float":  # kernels would be compiled once more for a whole number
+                object.__setattr__(self, one.name, float(getattr(self, one.name)))
 
     def stated(self) -> dict[str, str | int | float]:
         """All fields, for files and hashes; what does not occur is left out, as before it could, and so is no limit.

@@ -9,7 +9,7 @@ from cornerforge.sim.keep import Keep, write_outcome
 from cornerforge.sim.loop import NEVER, advance, linked_advance
 from cornerforge.sim.statistics import Census, Counts, count_travel
 from cornerforge.sim.step import record_frame
-from cornerforge.sim.traffic import reset_world
+from cornerforge.sim.traffic import linked_reset_world, reset_world
 from cornerforge.sim.world import RUNNING
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def drive_range(seed: int, first: int, setting: Setting, w: World, s: Scratch, k
         out: How each ended.
     """
     for k in range(out.code.size):
-        reset_world(w, seed, first + k, setting)
+        linked_reset_world(w, seed, first + k, setting)
         linked_advance(w, setting, s, keep, NEVER)
         write_outcome(w, out, k, setting.road)
 

@@ -313,23 +313,22 @@ def _ram(w: World, bv: int, allowed: NDArray[np.bool_]) -> int:
 
 
 @kernel
-def _guided_action(w: World, bv: int, exploring: Exploring, s: ChoiceScratch) -> int:
-    """Choose the policy's action, or, with at least the chance `guided_epsilon`, one that helps to make a crash.
+def _guided(w: World, bv: int, exploring: Exploring, allowed: NDArray[np.bool_]) -> tuple[int, int]:
+    """Choose how a guided world acts: by the policy or, with at least the chance `guided_epsilon`, towards a crash.
 
     In three tests of five that is the action of `swerve`, in the other two ramming the AV from behind. One time in four
     it is any allowed action instead, because a rule alone always does the same.
+
+    Returns:
+        The adversary that chooses, a code of ADVERSARIES; the action, -1 where the adversary has to choose it.
     """
     state = w.state[0]
     words = block(state.seed, state.test, moment_of(w), bv, PURPOSE_GUIDE)
     if uniform(words[0]) >= max(exploring.epsilon, exploring.guided_epsilon):
-        return choose_action(w, bv, exploring.kind, 0.0, exploring.policy, s)
+        return exploring.kind, -1
     if uniform(words[1]) < 0.25:
-        return choose_action(w, bv, UNIFORM, 0.0, exploring.policy, s)
-    if state.test % 5 < 2:
-        action = _ram(w, bv, s.allowed)
-        if action >= 0:
-            return action
-    return choose_action(w, bv, SWERVE, 0.0, exploring.policy, s)
+        return UNIFORM, -1
+    return SWERVE, _ram(w, bv, allowed) if state.test % 5 < 2 else -1
 
 
 @kernel
@@ -339,10 +338,12 @@ def choose(b: int, exploring: Exploring, actors: Actors, s: ChoiceScratch, out: 
     _copy_view(actors.observation[b], actors.allowed[b], s.observation, s.allowed)
     _copy_view(actors.observation[b], actors.allowed[b], out.observation[b], s.allowed)
     bv = nearest_bv(w)
+    kind, epsilon, action = exploring.kind, exploring.epsilon, -1
     if b < exploring.guided:
-        action: int = _guided_action(w, bv, exploring, s)
-    else:
-        action = choose_action(w, bv, exploring.kind, exploring.epsilon, exploring.policy, s)
+        kind, action = _guided(w, bv, exploring, s.allowed)
+        epsilon = 0.0
+    if action < 0:
+        action = choose_action(w, bv, kind, epsilon, exploring.policy, s)
     out.action[b] = action
     actors.history.action[b, w.state[0].decisions] = action
     return action

@@ -174,7 +174,7 @@ def _av_decides(w: World, substep: int, setting: Setting, s: Scratch) -> tuple[f
     return built_in_av_decides(w, substep, setting.road, setting.av, s.av)
 
 
-@kernel
+@shared_kernel
 def look_as_bv(
     w: World, setting: Setting, s: Scratch, observation: NDArray[np.float32], allowed: NDArray[np.bool_]
 ) -> int:

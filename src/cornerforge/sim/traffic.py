@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._elementary import exp, log
-from cornerforge._jit import inlined_kernel, kernel
+from cornerforge._jit import inlined_kernel, kernel, shared_kernel
 from cornerforge._philox import PURPOSE_CLASS, PURPOSE_INITIAL, PURPOSE_TRAITS, block, normal_pair, uniform
 from cornerforge.drivers.idm import desired_gap
 from cornerforge.errors import UndrawableError
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from cornerforge.sim.setting import Setting
     from cornerforge.sim.world import World
 
-__all__ = ["clear_world", "naming_tests", "reset_world"]
+__all__ = ["clear_world", "linked_reset_world", "naming_tests", "reset_world"]
 
 _LENGTHS = np.array([user.length for user in CLASSES])
 _WIDTHS = np.array([user.width for user in CLASSES])
@@ -332,15 +332,8 @@ def clear_world(w: World, seed: int, test: int, branch: int) -> None:
 
 
 @inlined_kernel
-def reset_world(w: World, seed: int, test: int, setting: Setting) -> None:
-    """Put test `test` of `seed` at its start: the AV in slot 0 at `av_start`, then its lane, then the others.
-
-    The AV's lead is no nearer than the AV's own desired gap: a closer start would itself cause crashes. The world gets
-    the likelihood budget of the adversary that drives this test. A test on rails starts as they say.
-
-    Raises:
-        UndrawableError: The traffic cannot be drawn; the world's outcome is UNDRAWN then.
-    """
+def linked_reset_world(w: World, seed: int, test: int, setting: Setting) -> None:
+    """Do what `reset_world` does, melted into the program that calls it: 1 microsecond quicker, of 30 for a test."""
     road, initial = setting.road, setting.tables.initial
     clear_world(w, seed, test, 0)
     if setting.who.others == RAILS:
@@ -376,3 +369,16 @@ def reset_world(w: World, seed: int, test: int, setting: Setting) -> None:
     for i in range(state.n_vehicles):
         w.order[i] = i
     all_current(w)
+
+
+@shared_kernel
+def reset_world(w: World, seed: int, test: int, setting: Setting) -> None:
+    """Put test `test` of `seed` at its start: the AV in slot 0 at `av_start`, then its lane, then the others.
+
+    The AV's lead is no nearer than the AV's own desired gap: a closer start would itself cause crashes. The world gets
+    the likelihood budget of the adversary that drives this test. A test on rails starts as they say.
+
+    Raises:
+        UndrawableError: The traffic cannot be drawn; the world's outcome is UNDRAWN then.
+    """
+    linked_reset_world(w, seed, test, setting)
