@@ -38,12 +38,13 @@ FULL := "not slow and not gpu and not browser and not interchange"
 TEST_TOOLS := hypothesis mpmath onnx pytest
 MODEL := src/cornerforge/ndd/default_model.npz
 RL_AV := src/cornerforge/drivers/rl_av.safetensors
+DANGER := src/cornerforge/rates/danger.npz
 
 # Python's bytecode is kept: without it each of a thousand processes that tests start would compile 432 modules anew.
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup web demo test test-full kernels ledger test-slow fuzz kill test-browser test-interchange check format audit licences docs wheel lowest bench model rl-av golden clean-cache clean
+.PHONY: help setup web demo test test-full kernels ledger test-slow fuzz kill test-browser test-interchange check format audit licences docs wheel lowest bench model rl-av danger golden clean-cache clean
 
 help: ## list the targets (this)
 	@awk -F ':.*## ' '/^[a-z][a-z-]*:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -53,6 +54,7 @@ setup: $(SETUP) ## install cornerforge and its tools into .venv, in the versions
 web: $(WEB) ## build the explorer's page into the package (needs Node.js 20 or newer, which nothing else here does)
 
 demo: $(RUN) ## find, sort and report corner cases of a built-in AV, and of one with a flaw, within minutes; goes on where it was stopped
+	@$(BIN)/python supply/kernels.py --run
 	@$(BIN)/cornerforge run --effort quick --out $(OUT) --resume
 	@echo "The first report: $(OUT)/report.html (the AV with a flaw follows)"
 	@$(BIN)/cornerforge rate --av flawed-not-behind --out $(OUT)-flawed --resume
@@ -143,6 +145,9 @@ model: $(SETUP) ## fit the default naturalistic model again from DATA="FILES" (s
 
 rl-av: $(RUN) ## train the built-in AV `rl` again; same seed, same weights
 	@$(BIN)/cornerforge train-av --out $(RL_AV) --overwrite --tests 200000
+
+danger: $(RUN) ## teach again, at length, the network of dangers that rates by trees begin with
+	@$(BIN)/python supply/danger.py $(DANGER)
 
 golden: $(SETUP) ## write the checked-in expectations (golden files) again; read the diff and say why in the commit
 	@$(BIN)/python -m pytest -q -m golden --write-golden

@@ -14,8 +14,9 @@ from unittest.mock import patch
 import pytest
 import typer
 from artefacts import artefact, made_once
-from fuzz.seeds import TINY_RUN, small_trees
+from fuzz.seeds import TINY_RUN
 from output_places import pairs_file
+from small_trees import small_trees
 
 from cornerforge.cli import app, main
 from cornerforge.library import CaseLibrary

@@ -112,8 +112,7 @@ class _PartLibrary(JITCodeLibrary):
             for library in waiting.pop()._linking_libraries:
                 if library not in found:
                     found[library] = None
-                    if isinstance(library, _PartLibrary):
-                        waiting.append(library)
+                    waiting.append(library)
         return list(found)
 
 

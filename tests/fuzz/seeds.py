@@ -8,14 +8,15 @@ import os
 import shutil
 import tomllib
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import chdir, contextmanager
+from collections.abc import Callable
+from contextlib import chdir
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 from recorded_files import clips_file, highd_files, motorway, ngsim_file, tgsim_file, written
+from small_trees import small_trees
 
 import cornerforge
 from cornerforge.adversary.checkpoint import CheckpointFile
@@ -26,7 +27,7 @@ from cornerforge.ndd.model import default_model_path, load_model
 from cornerforge.pipeline.av_file import rl_av_path
 from cornerforge.sim import N_OBSERVATION
 
-__all__ = ["SEEDS", "TINY_RUN", "seed_folder", "small_trees"]
+__all__ = ["SEEDS", "TINY_RUN", "seed_folder"]
 
 _DATA = Path(__file__).parents[1] / "interchange" / "data"
 SEEDS: dict[str, Callable[[Path], None]] = {}
@@ -104,30 +105,6 @@ def _analysed(root: Path) -> None:
 @_seed("rate")
 def _rate(_: Path) -> None:
     cornerforge.rate(method="mc", max_tests=300, out="rate", threads=1, av="flawed-not-behind")
-
-
-@contextmanager
-def small_trees() -> Iterator[None]:
-    """Small parts of a rate by trees, as tests of trees have them."""
-    teaching = importlib.import_module("cornerforge.rates.teaching")
-    rate, plain, splitting = (
-        importlib.import_module(f"cornerforge.pipeline.{name}") for name in ("rate", "plain", "splitting")
-    )
-    small: dict[str, Any] = {
-        "_EXPLORING": 200,
-        "_ROUNDS": (300,),
-        "_OWN_ROUNDS": (200,),
-        "TEACHING_TREES": 500,
-        "_PILOT": 200,
-        "_STEPS": 150,
-    }
-    with (
-        patch.multiple(teaching, **small),
-        patch.multiple(plain, _BLOCK=2000),
-        patch.multiple(rate, PLAIN_TESTS=4000, TREES=500),
-        patch.multiple(splitting, TREES=500, LEAST_TREES=1000),
-    ):
-        yield
 
 
 @_seed("trees")

@@ -30,7 +30,8 @@ def _small() -> Iterator[None]:
     """Runs and trees as small as the seeds', so that they can be gone on with."""
     import importlib
 
-    from fuzz.seeds import TINY_RUN, small_trees
+    from fuzz.seeds import TINY_RUN
+    from small_trees import small_trees
 
     run = importlib.import_module("cornerforge.pipeline.run")
     with patch.dict(run.EFFORTS, quick=run.Effort(**TINY_RUN)), small_trees():

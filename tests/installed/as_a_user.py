@@ -20,7 +20,7 @@ from pathlib import Path
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "my_av.py"
 DATA = [
-    "py.typed", "cli/front_page.json", "ndd/default_model.npz", "drivers/rl_av.safetensors",
+    "py.typed", "cli/front_page.json", "ndd/default_model.npz", "drivers/rl_av.safetensors", "rates/danger.npz",
     "report/templates/report.html.j2",
 ]  # fmt: skip
 # Of each extra a module that the core does without.

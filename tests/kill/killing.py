@@ -108,12 +108,8 @@ def make_small() -> None:
 
     checkpoint.CheckpointFile.__init__.__kwdefaults__ = {"every_seconds": 0.05}
     checkpoint._WRITING_SHARE = 0
-    teaching = import_module("cornerforge.rates.teaching")
-    for name, value in {
-        "_EXPLORING": 200, "_ROUNDS": (300,), "_ROUNDS_OF_STAND_IN": (100,), "_OWN_ROUNDS": (200,),
-        "TEACHING_TREES": 500, "_PILOT": 200, "_STEPS": 150,
-    }.items():  # fmt: skip
-        setattr(teaching, name, value)
+    for name, value in import_module("small_trees").SMALL["rates.teaching"].items():
+        setattr(import_module("cornerforge.rates.teaching"), name, value)
     rate, plain, splitting = (import_module(f"cornerforge.pipeline.{name}") for name in ("rate", "plain", "splitting"))
     plain._BLOCK, plain._STORE_SECONDS, plain._SHARD_CASES = 1_000, 0.2, 20  # type: ignore[attr-defined]
     rate.PLAIN_TESTS = 2_000  # type: ignore[attr-defined]

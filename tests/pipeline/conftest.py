@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from small_trees import small_trees
 
 import cornerforge
 from cornerforge.adversary.config import PRESETS
@@ -47,19 +48,8 @@ def reckless_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture
-def small_trees(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Small parts, so that a test of trees takes seconds: a network that was taught little changes no rate."""
-    teaching = importlib.import_module("cornerforge.rates.teaching")
-    monkeypatch.setattr(teaching, "_EXPLORING", 200)
-    monkeypatch.setattr(teaching, "_ROUNDS", (300,))
-    monkeypatch.setattr(teaching, "_ROUNDS_OF_STAND_IN", (100,))
-    monkeypatch.setattr(teaching, "_OWN_ROUNDS", (200,))
-    monkeypatch.setattr(teaching, "TEACHING_TREES", 500)
-    monkeypatch.setattr(teaching, "_PILOT", 200)
-    monkeypatch.setattr(teaching, "_STEPS", 150)
-    rate = importlib.import_module("cornerforge.pipeline.rate")
-    monkeypatch.setattr(importlib.import_module("cornerforge.pipeline.plain"), "_BLOCK", 2_000)
-    monkeypatch.setattr(rate, "PLAIN_TESTS", 4_000)
-    for module in (rate, importlib.import_module("cornerforge.pipeline.splitting")):
-        monkeypatch.setattr(module, "TREES", 500)
+@pytest.fixture(name="small_trees")
+def _small_trees() -> Iterator[None]:
+    """Small parts of a rate by trees."""
+    with small_trees():
+        yield

@@ -215,7 +215,9 @@ def test_a_kill_and_an_interrupt_lose_only_the_block_in_progress(
     assert stopped(world["model"], out, signal.SIGKILL, 3)[0] == -signal.SIGKILL
     kept = json.loads((out / "counts.json").read_text())["tests"]
     status, text = stopped(world["model"], out, signal.SIGINT, kept // 500 + 3)
-    assert (status, text.count("\n")) == (130, 1), text
+    *stages, last = text.splitlines()
+    assert (status, last) == (130, "cornerforge: interrupted; what was finished is kept."), text
+    assert all(line.startswith("stage ") for line in stages), text
     stopped_at = json.loads((out / "rate.json").read_text())
     assert stopped_at["state"] == "interrupted"
     assert stopped_at["tests"] == json.loads((out / "counts.json").read_text())["tests"] >= kept + 1_500

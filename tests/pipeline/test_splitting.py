@@ -17,6 +17,7 @@ from cornerforge.library import CaseLibrary
 from cornerforge.pipeline.splitting import pick
 from cornerforge.rates import binomial_interval
 from cornerforge.results import NaturalRate
+from cornerforge.sim import danger
 
 pytestmark = pytest.mark.full
 
@@ -144,6 +145,7 @@ def test_no_crash_leaves_the_bound_of_the_plain_tests(monkeypatch: pytest.Monkey
     teaching = importlib.import_module("cornerforge.rates.teaching")
     monkeypatch.setattr(teaching, "_STEPS", 1)
     monkeypatch.setattr(teaching, "_EXPLORE_LATER", 0.0)
+    monkeypatch.setattr(teaching, "shipped_network", lambda: danger.untaught(1e-6))
     found = cornerforge.rate(method="splitting", max_tests=5_000, seed=1)
     assert (found.state, found.crashes_per_test, found.crash_types["sideswipe"]) == ("no crash", 0.0, 0)
     assert (found.interval95, found.tests) == (binomial_interval(0, 4_000), 4_000)

@@ -1,10 +1,11 @@
-"""Teaching with a stand-in: who drives in which round, and whose lessons are learned from."""
+"""Teaching: which AV drives in which round, which lessons are learned from, and what it begins with."""
 
 from __future__ import annotations
 
 import importlib
 from typing import Any
 
+import numpy as np
 import pytest
 from hand_built import reckless_drivers, setting_of
 
@@ -13,8 +14,6 @@ from cornerforge.ndd.model import default_model_path, load_model
 from cornerforge.rates.trees import BUILT_IN_GROWER
 from cornerforge.sim import Forest, n_slots
 from cornerforge.types import Odd
-
-ROUNDS = {"_EXPLORING": 40, "_ROUNDS": (50, 60), "_ROUNDS_OF_STAND_IN": (50,), "_OWN_ROUNDS": (30, 30), "_PILOT": 50}
 
 
 class Noted:
@@ -31,26 +30,31 @@ class Noted:
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("stand_in", [False, True])
-def test_a_stand_in_teaches_where_to_look_and_is_forgotten(stand_in: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_known_network_is_adjusted_by_trees_of_the_av_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     teaching = importlib.import_module("cornerforge.rates.teaching")
-    for name, value in ROUNDS.items():
-        monkeypatch.setattr(teaching, name, value)
+    monkeypatch.setattr(teaching, "_ROUNDS", (40, 60))
+    monkeypatch.setattr(teaching, "_PILOT", 50)
+    begun_with: list[Any] = []
     learned_from: list[int] = []
 
-    def learn(_school: Any, tables: list[Any], *, steps: int) -> float:
+    def learn(school: Any, tables: list[Any], *, steps: int) -> float:
+        begun_with.append(school.network())
         learned_from.append(len(tables))
         return 0.0 * steps
 
-    monkeypatch.setattr(teaching._School, "learn", learn)
+    monkeypatch.setattr(teaching.School, "learn", learn)
     odd = Odd()
     model = reckless_drivers(load_model(default_model_path()))
     own, told = Noted(), []
     taught = teaching.teach(
         setting_of(model, odd, av=av_named("idm-mobil")), n_slots(odd), seed=1, threads=1, grower=own,
-        stand_in=stand_in, tell=lambda name, _: told.append(name),
+        tell=lambda name, _: told.append(name),
     )  # fmt: skip
-    assert own.first == ([90, 120] if stand_in else [0, 40, 90])
-    assert learned_from == ([1, 2, 1, 2] if stand_in else [1, 2, 3])
-    assert len(told) == len(own.first)
-    assert taught.tests == 150
+    assert own.first == [0, 40]
+    assert learned_from == [1, 2]
+    assert len(told) == 2
+    assert taught.tests == 100
+    known = teaching.shipped_network()
+    for network in (*begun_with, taught.network):
+        for ours, theirs in zip(network, known, strict=True):
+            np.testing.assert_array_equal(ours, theirs)

@@ -79,7 +79,7 @@ class Effort:
 
 EFFORTS = {
     "quick": Effort(
-        nde_tests=200_000, natural_tests=1_000_000, natural_rhw=0.3, decisions=2_500_000, evaluation_tests=2_048,
+        nde_tests=65_536, natural_tests=700_000, natural_rhw=0.3, decisions=2_500_000, evaluation_tests=2_048,
         exposure_tests=1_024, cases=1_500,
     ),
     "standard": Effort(
@@ -102,7 +102,7 @@ def _train_config(size: Effort, reward: str) -> TrainConfig:
 
 
 def _natural_method(natural: Experiment, max_tests: int) -> str:
-    """Choose the method of the natural rate: for an AV from outside one that need not be taught by 300,000 trees."""
+    """Choose the method of the natural rate: for an AV from outside the one that makes no copies of its tests."""
     return "auto" if natural.foreign is None or why_only_counting(max_tests) is not None else "is"
 
 

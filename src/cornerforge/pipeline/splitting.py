@@ -141,7 +141,6 @@ class Splitting:
             seed=_independent(self._seed, _TEACH),
             threads=self._threads,
             grower=self._teacher,
-            stand_in=self._run.foreign is not None,
             tell=lambda _, grown: rounds.append(grown.roots["weight"]),
             progress=tell,
         )

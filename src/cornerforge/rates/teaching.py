@@ -1,8 +1,8 @@
 """Teach a network how dangerous a BV near the AV is, from trees of tests: what was seen, and which crashes followed.
 
-The first lessons come from tests in which acts near the AV are followed by chance. Later ones come from trees that grow
-by what was learned so far, where the danger is; each of them is an unbiased estimate of the crash rate too, though a
-poor one. What the network says decides how fast a rate is found, never which (`sim.trees`).
+What is dangerous is nearly the same for all AVs. So it was taught at length, once, with the built-in AVs (`make
+danger`), and lies beside this file; here it is adjusted to the AV at hand, in trees that grow by what is known so far,
+where the danger is. What the network says decides how fast a rate is found, never which (`sim.trees`).
 """
 
 from __future__ import annotations
@@ -10,10 +10,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._checksums import read_arrays
 from cornerforge.errors import MissingExtraError
 from cornerforge.rates.trees import BUILT_IN_GROWER, Grower, Grown, LessonTable, grow
 from cornerforge.sim import BUILT_IN, Plan, Setting, Tilt, danger
@@ -23,16 +26,14 @@ try:
 except ImportError as error:
     raise MissingExtraError("torch", "learn") from error
 
-__all__ = ["TEACHING_TREES", "Taught", "plan_of", "teach", "tilted_plan_of"]
+__all__ = ["TEACHING_TREES", "School", "Taught", "level_of", "plan_of", "shipped_network", "teach", "tilted_plan_of"]
 
 Floats = NDArray[np.float64]
 
-_EXPLORING = 16_000
-_ROUNDS = (16_000, 32_000, 64_000, 128_000, 128_000)
-_ROUNDS_OF_STAND_IN = (16_000, 32_000, 64_000, 128_000)
-_OWN_ROUNDS = (64_000, 64_000)
-TEACHING_TREES = _EXPLORING + sum(_ROUNDS)
+_ROUNDS = (32_000, 64_000)
+TEACHING_TREES = sum(_ROUNDS)
 """So many trees are grown to teach a network."""
+_SHIPPED = Path(__file__).with_name("danger.npz")
 _LEVEL = 3.0
 _EXPLORE, _EXPLORE_LATER = 0.1, 0.05
 _FLOOR = 0.1
@@ -50,7 +51,6 @@ _LOG_LIMITS = (-30.0, 0.0)
 _MOST_FOLLOWED = 2.0
 _LESSONS_OF_ONE_ROOT = 800.0
 _DULL = 0.3
-_KEPT_TABLES = 4
 
 
 @dataclass(frozen=True)
@@ -87,6 +87,16 @@ def level_of(network: danger.Network, setting: Setting, slots: int, seed: int, t
     return max(_LEAST_LEVEL, float(pilot.roots["danger"].mean())), pilot.cpu_seconds
 
 
+def shipped_network() -> danger.Network:
+    """Read the network that was taught at length.
+
+    Raises:
+        FileFormatError: Its file is damaged.
+    """
+    arrays = read_arrays(_SHIPPED, "network of dangers")
+    return danger.Network(**{name: arrays[name] for name in danger.Network._fields})
+
+
 def teach(
     setting: Setting,
     slots: int,
@@ -94,61 +104,55 @@ def teach(
     seed: int,
     threads: int,
     grower: Grower = BUILT_IN_GROWER,
-    stand_in: bool = False,
     tell: Callable[[str, Grown], None] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Taught:
-    """Teach a network for an AV and its world, in about two minutes of CPU time.
+    """Adjust the network to an AV and its world, in about half a minute of CPU time.
 
     Args:
         setting, slots: The run, natural.
-        seed: Of the trees, and of the network's first weights.
+        seed: Of the trees, and of what is learned in which order.
         threads: Pool size; does not change the result.
         grower: As of `grow`.
-        stand_in: The setting's built-in AV drives in all rounds but the last two, and is then forgotten: it is far
-            faster than one from outside, and trees that grow by what is dangerous near it find what is near another.
-        tell: Told name and trees of each round in which the AV itself drives.
+        tell: Told name and trees of each round.
         progress: Told how many of `TEACHING_TREES` are grown.
     """
     tables: list[LessonTable] = []
     begun, cpu = 0, 0.0
-    school = _School(seed)
-
-    def study(name: str, plan: Plan, tests: int) -> float:
+    school = School(seed, shipped_network())
+    for tests in _ROUNDS:
+        network = school.network()
+        level, spent = level_of(network, setting, slots, seed, threads)
         grown = grow(
-            drives, slots, plan, seed=seed, first=begun, tests=tests, threads=threads, learning=True, grower=grows,
-            progress=None if progress is None else lambda done: progress(begun + done),
+            setting, slots, plan_of(network, _LEVEL * level), seed=seed, first=begun, tests=tests, threads=threads,
+            learning=True, grower=grower,
+            progress=None if progress is None else partial(_told_from, progress, begun),
         )  # fmt: skip
-        if tell is not None and grows is grower:
-            tell(name, grown)
+        if tell is not None:
+            tell(f"level {level:.2g}", grown)
         assert grown.lessons is not None
         tables.append(grown.lessons)
-        if len(tables) > _KEPT_TABLES:
-            tables.pop(1)  # the first is of chance, the others of ever better trees
-        return grown.cpu_seconds + school.learn(tables, steps=_STEPS)
-
-    own = setting, grower
-    drives, grows = (setting.with_drivers(av=BUILT_IN), BUILT_IN_GROWER) if stand_in else own
-    blind = Plan(1.0, _NOTHING, -1.0, _EXPLORE, 0, _FORGET, 0.0, danger.untaught(_NOTHING))
-    cpu += study("explore", blind, _EXPLORING)
-    begun += _EXPLORING
-    for number, tests in enumerate((*_ROUNDS_OF_STAND_IN, *_OWN_ROUNDS) if stand_in else _ROUNDS):
-        network = school.network()
-        if stand_in and number == len(_ROUNDS_OF_STAND_IN):
-            drives, grows = own
-            tables.clear()
-        level, spent = level_of(network, setting, slots, seed, threads)
-        cpu += spent + study(f"level {level:.2g}", plan_of(network, _LEVEL * level), tests)
         begun += tests
+        cpu += spent + grown.cpu_seconds + school.learn(tables, steps=_STEPS)
     network = school.network()
     level, spent = level_of(network, setting, slots, seed, threads)
     return Taught(network, level, begun, cpu + spent)
 
 
-class _School:
-    """A network that learns."""
+def _told_from(progress: Callable[[int], None], begun: int, done: int) -> None:
+    """Tell how many trees are grown in all rounds, from how many are in this one."""
+    progress(begun + done)
 
-    def __init__(self, seed: int) -> None:
+
+class School:
+    """A network that learns.
+
+    Args:
+        seed: Of its first weights, and of what it learns in which order.
+        known: The network that it begins with; None: random weights.
+    """
+
+    def __init__(self, seed: int, known: danger.Network | None = None) -> None:
         with torch.random.fork_rng():
             torch.manual_seed(seed)
             width = danger.WIDTH
@@ -160,6 +164,15 @@ class _School:
         with torch.no_grad():
             self._layers[-1].bias.fill_(-14.0)
         first, second, last = self._layers
+        if known is not None:
+            matrices, biases = (
+                (known.first, known.second, known.last[:-1, None]),
+                (known.first_bias, known.second_bias, known.last[-1:]),
+            )
+            with torch.no_grad():
+                for layer, matrix, bias in zip(self._layers, matrices, biases, strict=True):
+                    layer.weight.copy_(torch.from_numpy(matrix.T.copy()))
+                    layer.bias.copy_(torch.from_numpy(bias.copy()))
         self._net = torch.nn.Sequential(first, torch.nn.ReLU(), second, torch.nn.ReLU(), last)
         self._rng = np.random.Generator(np.random.Philox(seed))
 

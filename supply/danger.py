@@ -1,0 +1,71 @@
+"""Teach, at length, the network of dangers that every rate by trees begins with: `make danger`.
+
+The first lessons come from tests in which acts near `idm-mobil` are followed by chance, the later ones from trees that
+grow by what was learned so far; then all built-in AVs are driven in turn, twice, but for those made bad on purpose,
+which crash often enough to be counted. The same sources and the same kind of
+processor give the same bytes.
+
+python supply/danger.py FILE
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from cornerforge._checksums import write_arrays
+from cornerforge.drivers.avs import AVS
+from cornerforge.execution import default_threads
+from cornerforge.pipeline.setting import Experiment, experiment
+from cornerforge.rates.teaching import School, level_of, plan_of
+from cornerforge.rates.trees import LessonTable, grow
+from cornerforge.sim import Plan, danger
+
+SEED = 20_261_127
+ALONE = (16_000, 32_000, 64_000)
+"""Trees of `idm-mobil` alone, round by round, after as many blind ones as in the first round."""
+EACH = 24_000
+"""Trees of each AV in a round with all of them."""
+ROUNDS = 2
+LEVEL, NOTHING, FORGET = 3.0, 1e-9, 10.0
+STEPS, LAST_STEPS = 4_000, 20_000
+
+
+def main(place: Path) -> None:
+    """Teach the network, and write it."""
+    school, threads, begun = School(SEED), default_threads(), 0
+
+    def grown(run: Experiment, plan: Plan, tests: int) -> LessonTable:
+        nonlocal begun
+        made = grow(
+            run.setting, run.slots, plan, seed=SEED, first=begun, tests=tests, threads=threads, learning=True
+        )  # fmt: skip
+        begun += tests
+        assert made.lessons is not None
+        print(
+            f"{run.av.name}: {tests} trees, {made.roots['weight'].mean():.3g}, {made.lessons.root.size} lessons",
+            flush=True,
+        )
+        return made.lessons
+
+    def by_the_network(run: Experiment, tests: int) -> LessonTable:
+        network = school.network()
+        level, _ = level_of(network, run.setting, run.slots, SEED, threads)
+        return grown(run, plan_of(network, LEVEL * level), tests)
+
+    first = experiment()
+    blind = Plan(1.0, NOTHING, -1.0, 0.1, 0, FORGET, 0.0, danger.untaught(NOTHING))
+    tables = [grown(first, blind, ALONE[0])]
+    for tests in ALONE:
+        school.learn(tables, steps=STEPS)
+        tables = [tables[0], by_the_network(first, tests)]
+    runs = [experiment(av=name) for name in AVS if not name.startswith("flawed-")]
+    for number in range(ROUNDS):
+        school.learn(tables, steps=STEPS if number == 0 else LAST_STEPS)
+        tables = [tables[0], *(by_the_network(run, EACH) for run in runs)]
+    school.learn(tables, steps=LAST_STEPS)
+    write_arrays(place, school.network()._asdict())
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
