@@ -2,8 +2,7 @@
 
 The first lessons come from tests in which acts near `idm-mobil` are followed by chance, the later ones from trees that
 grow by what was learned so far; then all built-in AVs are driven in turn, twice, but for those made bad on purpose,
-which crash often enough to be counted. The same sources and the same kind of
-processor give the same bytes.
+which crash often enough to be counted.
 
 python supply/danger.py FILE
 """
@@ -17,7 +16,7 @@ from cornerforge._checksums import write_arrays
 from cornerforge.drivers.avs import AVS
 from cornerforge.execution import default_threads
 from cornerforge.pipeline.setting import Experiment, experiment
-from cornerforge.rates.teaching import School, level_of, plan_of
+from cornerforge.rates.teaching import School, level_of, wide_plan_of
 from cornerforge.rates.trees import LessonTable, grow
 from cornerforge.sim import Plan, danger
 
@@ -27,7 +26,8 @@ ALONE = (16_000, 32_000, 64_000)
 EACH = 24_000
 """Trees of each AV in a round with all of them."""
 ROUNDS = 2
-LEVEL, NOTHING, FORGET = 3.0, 1e-9, 10.0
+EXPLORE, NOTHING, FORGET = 0.1, 1e-9, 10.0
+"""Of the blind trees, as `Plan` takes them: `explore`; the danger of every BV, and `floor`; `forget`."""
 STEPS, LAST_STEPS = 4_000, 20_000
 
 
@@ -51,10 +51,10 @@ def main(place: Path) -> None:
     def by_the_network(run: Experiment, tests: int) -> LessonTable:
         network = school.network()
         level, _ = level_of(network, run.setting, run.slots, SEED, threads)
-        return grown(run, plan_of(network, LEVEL * level), tests)
+        return grown(run, wide_plan_of(network, level), tests)
 
     first = experiment()
-    blind = Plan(1.0, NOTHING, -1.0, 0.1, 0, FORGET, 0.0, danger.untaught(NOTHING))
+    blind = Plan(1.0, NOTHING, -1.0, EXPLORE, 0, FORGET, 0.0, danger.untaught(NOTHING))
     tables = [grown(first, blind, ALONE[0])]
     for tests in ALONE:
         school.learn(tables, steps=STEPS)

@@ -415,6 +415,16 @@ def test_an_edit_costs_exactly_the_kernels_and_parts_that_reach_it(
     assert asked_of(rooms, tmp_path / "edited", {room: ROOMS[room].replace(old, new)}) == said
 
 
+def test_a_damaged_part_is_compiled_anew(rooms: Path, tmp_path: Path) -> None:
+    """Half a file of one part, and no program that holds it."""
+    for file in rooms.rglob("left.left-*.nbc"):
+        file.unlink()
+    (part,) = (file for file in rooms.rglob("low.scaled-*.nbc"))
+    part.write_bytes(part.read_bytes()[: part.stat().st_size // 2])
+    assert asked_of(rooms, tmp_path / "damaged", {}) == "7.0 11.0 1 0 0 1 0"
+    assert asked_of(rooms, tmp_path / "damaged", {}) == "7.0 11.0 0 0 0 0 0"
+
+
 def test_the_same_sources_in_another_place_cost_nothing(rooms: Path, tmp_path: Path) -> None:
     """A clone, and a branch that is switched back."""
     assert asked_of(rooms, tmp_path / "clone", {}) == "7.0 11.0 0 0 0 0 0"

@@ -26,7 +26,17 @@ try:
 except ImportError as error:
     raise MissingExtraError("torch", "learn") from error
 
-__all__ = ["TEACHING_TREES", "School", "Taught", "level_of", "plan_of", "shipped_network", "teach", "tilted_plan_of"]
+__all__ = [
+    "TEACHING_TREES",
+    "School",
+    "Taught",
+    "level_of",
+    "plan_of",
+    "shipped_network",
+    "teach",
+    "tilted_plan_of",
+    "wide_plan_of",
+]
 
 Floats = NDArray[np.float64]
 
@@ -35,7 +45,7 @@ TEACHING_TREES = sum(_ROUNDS)
 """So many trees are grown to teach a network."""
 _SHIPPED = Path(__file__).with_name("danger.npz")
 _LEVEL = 3.0
-_EXPLORE, _EXPLORE_LATER = 0.1, 0.05
+_EXPLORE_LATER = 0.05
 _FLOOR = 0.1
 _LEAST_RISE = 0.1
 _FORGET = 10.0
@@ -75,6 +85,11 @@ def plan_of(network: danger.Network, level: float, explore: float = _EXPLORE_LAT
     return Plan(level, _FLOOR * level, _LEAST_RISE, explore, 1, _FORGET, _LOOK_AHEAD_S, network)
 
 
+def wide_plan_of(network: danger.Network, level: float) -> Plan:
+    """Make the plan of trees to teach with: many cheap ones teach more than few dear ones."""
+    return plan_of(network, _LEVEL * level)
+
+
 def tilted_plan_of(network: danger.Network, level: float) -> Plan:
     """Make the plan by which tests are drawn from proposals with a network, instead of copied; `level`: mean danger."""
     return plan_of(network, level)._replace(tilt=Tilt(np.array(_SHARES), np.array(_POWERS), _CANDIDATES))
@@ -107,7 +122,7 @@ def teach(
     tell: Callable[[str, Grown], None] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Taught:
-    """Adjust the network to an AV and its world, in about half a minute of CPU time.
+    """Adjust the network to an AV and its world, in about a minute of CPU time.
 
     Args:
         setting, slots: The run, natural.
@@ -124,7 +139,7 @@ def teach(
         network = school.network()
         level, spent = level_of(network, setting, slots, seed, threads)
         grown = grow(
-            setting, slots, plan_of(network, _LEVEL * level), seed=seed, first=begun, tests=tests, threads=threads,
+            setting, slots, wide_plan_of(network, level), seed=seed, first=begun, tests=tests, threads=threads,
             learning=True, grower=grower,
             progress=None if progress is None else partial(_told_from, progress, begun),
         )  # fmt: skip
