@@ -16,9 +16,9 @@ from cornerforge._checksums import write_arrays
 from cornerforge.drivers.avs import AVS
 from cornerforge.execution import default_threads
 from cornerforge.pipeline.setting import Experiment, experiment
-from cornerforge.rates.teaching import School, level_of, wide_plan_of
+from cornerforge.rates.teaching import School, blind_plan, level_of, wide_plan_of
 from cornerforge.rates.trees import LessonTable, grow
-from cornerforge.sim import Plan, danger
+from cornerforge.sim import Plan
 
 SEED = 20_261_127
 ALONE = (16_000, 32_000, 64_000)
@@ -26,8 +26,6 @@ ALONE = (16_000, 32_000, 64_000)
 EACH = 24_000
 """Trees of each AV in a round with all of them."""
 ROUNDS = 2
-EXPLORE, NOTHING, FORGET = 0.1, 1e-9, 10.0
-"""Of the blind trees, as `Plan` takes them: `explore`; the danger of every BV, and `floor`; `forget`."""
 STEPS, LAST_STEPS = 4_000, 20_000
 
 
@@ -54,8 +52,7 @@ def main(place: Path) -> None:
         return grown(run, wide_plan_of(network, level), tests)
 
     first = experiment()
-    blind = Plan(1.0, NOTHING, -1.0, EXPLORE, 0, FORGET, 0.0, danger.untaught(NOTHING))
-    tables = [grown(first, blind, ALONE[0])]
+    tables = [grown(first, blind_plan(), ALONE[0])]
     for tests in ALONE:
         school.learn(tables, steps=STEPS)
         tables = [tables[0], by_the_network(first, tests)]

@@ -11,7 +11,7 @@ from unittest.mock import patch
 __all__ = ["SMALL", "small_trees"]
 
 SMALL: dict[str, dict[str, Any]] = {
-    "rates.teaching": {"_ROUNDS": (200, 300), "TEACHING_TREES": 500, "_PILOT": 200, "_STEPS": 150},
+    "rates.teaching": {"_EXPLORING": 200, "_ROUNDS": (300,), "TEACHING_TREES": 500, "_PILOT": 200, "_STEPS": 150},
     "pipeline.plain": {"_BLOCK": 2_000},
     "pipeline.rate": {"PLAIN_TESTS": 4_000, "TREES": 500},
     "pipeline.splitting": {"TREES": 500, "LEAST_TREES": 1_000},

@@ -389,6 +389,7 @@ def taught(problem: Problem, seed: int) -> tuple[Problem, int]:
     seconds = []
     with pytest.MonkeyPatch.context() as patch:
         for name, value in {
+            "_EXPLORING": 4_000,
             "_ROUNDS": (4_000, 8_000, 16_000),
             "_STEPS": 1_500,
             "_PILOT": 1_000,

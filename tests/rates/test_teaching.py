@@ -23,15 +23,22 @@ class Noted:
 
     def __init__(self) -> None:
         self.first: list[int] = []
+        self.blind: list[bool] = []
 
     def __call__(self, seed: int, first: int, forest: Forest, roots: Any) -> None:
         self.first.append(first)
+        self.blind.append(forest.plan.windows == 0)
         BUILT_IN_GROWER(seed, first, forest, roots)
 
 
 @pytest.mark.full
 def test_a_known_network_is_adjusted_by_trees_of_the_av_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blind trees come first, and their lessons stay: the crashes of `idm-mobil-blind` are those of no other AV.
+
+    By the shipped network alone 60,000 trees gave 6.7e-6 for it, a fourth of what counting gives.
+    """
     teaching = importlib.import_module("cornerforge.rates.teaching")
+    monkeypatch.setattr(teaching, "_EXPLORING", 30)
     monkeypatch.setattr(teaching, "_ROUNDS", (40, 60))
     monkeypatch.setattr(teaching, "_PILOT", 50)
     begun_with: list[Any] = []
@@ -50,10 +57,11 @@ def test_a_known_network_is_adjusted_by_trees_of_the_av_itself(monkeypatch: pyte
         setting_of(model, odd, av=av_named("idm-mobil")), n_slots(odd), seed=1, threads=1, grower=own,
         tell=lambda name, _: told.append(name),
     )  # fmt: skip
-    assert own.first == [0, 40]
-    assert learned_from == [1, 2]
-    assert len(told) == 2
-    assert taught.tests == 100
+    assert own.first == [0, 30, 70]
+    assert own.blind == [True, False, False]
+    assert learned_from == [1, 2, 3]
+    assert len(told) == 3
+    assert taught.tests == 130
     known = teaching.shipped_network()
     for network in (*begun_with, taught.network):
         for ours, theirs in zip(network, known, strict=True):

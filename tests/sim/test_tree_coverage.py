@@ -39,7 +39,7 @@ def stopped(weights: np.ndarray) -> list[tuple[float, float]]:
 @pytest.mark.slow
 def test_intervals_of_stopped_runs_hold(model: NddModel, monkeypatch: pytest.MonkeyPatch) -> None:
     teaching = importlib.import_module("cornerforge.rates.teaching")
-    for name, value in {"_ROUNDS": (4_000, 8_000, 8_000), "_STEPS": 2_000}.items():
+    for name, value in {"_EXPLORING": 2_000, "_ROUNDS": (4_000, 8_000, 8_000), "_STEPS": 2_000}.items():
         monkeypatch.setattr(teaching, name, value)
     memory, often = replace(model.memory, away=0.02, away_again=0.5), np.full(21, 0.05, dtype=np.float32)
     careless = replace(model, memory=memory, lc_base=often, overlook=0.1, overlook_conflict=0.1)

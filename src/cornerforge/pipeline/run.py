@@ -79,7 +79,7 @@ class Effort:
 
 EFFORTS = {
     "quick": Effort(
-        nde_tests=65_536, natural_tests=700_000, natural_rhw=0.3, decisions=2_500_000, evaluation_tests=2_048,
+        nde_tests=65_536, natural_tests=716_000, natural_rhw=0.3, decisions=2_500_000, evaluation_tests=2_048,
         exposure_tests=1_024, cases=1_500,
     ),
     "standard": Effort(

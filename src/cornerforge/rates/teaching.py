@@ -1,8 +1,9 @@
 """Teach a network how dangerous a BV near the AV is, from trees of tests: what was seen, and which crashes followed.
 
 What is dangerous is nearly the same for all AVs. So it was taught at length, once, with the built-in AVs (`make
-danger`), and lies beside this file; here it is adjusted to the AV at hand, in trees that grow by what is known so far,
-where the danger is. What the network says decides how fast a rate is found, never which (`sim.trees`).
+danger`), and lies beside this file; here it is adjusted to the AV at hand: in tests in which acts near the AV are
+followed by chance, for dangers that no other AV has, and then in trees that grow by what is known so far, where the
+danger is. What the network says decides how fast a rate is found, never which (`sim.trees`).
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ __all__ = [
     "TEACHING_TREES",
     "School",
     "Taught",
+    "blind_plan",
     "level_of",
     "plan_of",
     "shipped_network",
@@ -40,12 +42,13 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 
+_EXPLORING = 16_000
 _ROUNDS = (32_000, 64_000)
-TEACHING_TREES = sum(_ROUNDS)
+TEACHING_TREES = _EXPLORING + sum(_ROUNDS)
 """So many trees are grown to teach a network."""
 _SHIPPED = Path(__file__).with_name("danger.npz")
 _LEVEL = 3.0
-_EXPLORE_LATER = 0.05
+_EXPLORE, _EXPLORE_LATER = 0.1, 0.05
 _FLOOR = 0.1
 _LEAST_RISE = 0.1
 _FORGET = 10.0
@@ -85,6 +88,11 @@ def plan_of(network: danger.Network, level: float, explore: float = _EXPLORE_LAT
     return Plan(level, _FLOOR * level, _LEAST_RISE, explore, 1, _FORGET, _LOOK_AHEAD_S, network)
 
 
+def blind_plan() -> Plan:
+    """Make the plan of trees that know nothing: acts near the AV are followed by chance."""
+    return Plan(1.0, _NOTHING, -1.0, _EXPLORE, 0, _FORGET, 0.0, danger.untaught(_NOTHING))
+
+
 def wide_plan_of(network: danger.Network, level: float) -> Plan:
     """Make the plan of trees to teach with: many cheap ones teach more than few dear ones."""
     return plan_of(network, _LEVEL * level)
@@ -122,7 +130,7 @@ def teach(
     tell: Callable[[str, Grown], None] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Taught:
-    """Adjust the network to an AV and its world, in about a minute of CPU time.
+    """Adjust the network to an AV and its world, in about 100 s of CPU time.
 
     Args:
         setting, slots: The run, natural.
@@ -135,23 +143,23 @@ def teach(
     tables: list[LessonTable] = []
     begun, cpu = 0, 0.0
     school = School(seed, shipped_network())
-    for tests in _ROUNDS:
-        network = school.network()
-        level, spent = level_of(network, setting, slots, seed, threads)
+    plan, name = blind_plan(), "explore"
+    for tests in (_EXPLORING, *_ROUNDS):
         grown = grow(
-            setting, slots, wide_plan_of(network, level), seed=seed, first=begun, tests=tests, threads=threads,
-            learning=True, grower=grower,
+            setting, slots, plan, seed=seed, first=begun, tests=tests, threads=threads, learning=True, grower=grower,
             progress=None if progress is None else partial(_told_from, progress, begun),
         )  # fmt: skip
         if tell is not None:
-            tell(f"level {level:.2g}", grown)
+            tell(name, grown)
         assert grown.lessons is not None
         tables.append(grown.lessons)
         begun += tests
-        cpu += spent + grown.cpu_seconds + school.learn(tables, steps=_STEPS)
-    network = school.network()
-    level, spent = level_of(network, setting, slots, seed, threads)
-    return Taught(network, level, begun, cpu + spent)
+        cpu += grown.cpu_seconds + school.learn(tables, steps=_STEPS)
+        network = school.network()
+        level, spent = level_of(network, setting, slots, seed, threads)
+        cpu += spent
+        plan, name = wide_plan_of(network, level), f"level {level:.2g}"
+    return Taught(network, level, begun, cpu)
 
 
 def _told_from(progress: Callable[[int], None], begun: int, done: int) -> None:
