@@ -44,12 +44,15 @@ DANGER := src/cornerforge/rates/danger.npz
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup web demo test test-full kernels ledger test-slow fuzz kill test-browser test-interchange check format audit licences docs wheel lowest bench model rl-av danger golden clean-cache clean
+.PHONY: help setup environments web demo test test-full kernels ledger test-slow fuzz kill test-browser test-interchange check format audit licences docs wheel lowest bench model rl-av danger golden clean-cache clean
 
 help: ## list the targets (this)
 	@awk -F ':.*## ' '/^[a-z][a-z-]*:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
 
 setup: $(SETUP) ## install cornerforge and its tools into .venv, in the versions of constraints.txt
+
+# For CI, as `make -j 2 environments`: each waits for the package index or for one core, so two at once take half the time.
+environments: $(SETUP) $(DOCS) $(AUDIT) $(ASAM) $(COMMONROAD) $(BROWSER) $(WEB) ## set up all that checks and tests run in
 
 web: $(WEB) ## build the explorer's page into the package (needs Node.js 20 or newer, which nothing else here does)
 
@@ -86,7 +89,7 @@ kill: $(SETUP) ## kill all long commands at random moments, resume them, and com
 
 test-browser: $(SETUP) $(WEB) $(BROWSER) ## test the explorer and the pages: their scripts with Vitest, and all of it in Chromium
 	@cd web && npm test --silent
-	@$(BIN)/python -m pytest -m browser --durations 5 tests/browser
+	@$(BIN)/python -m pytest -m browser -n auto --dist loadfile --durations 5 tests/browser tests/report tests/pipeline/test_retest_page.py
 
 test-interchange: $(SETUP) $(ASAM) $(COMMONROAD) ## let checkers and readers made by others judge the files of cases that we write
 	@ASAM_PYTHON=$(CURDIR)/.venv-asam/bin/python COMMONROAD_PYTHON=$(CURDIR)/.venv-commonroad/bin/python \
@@ -126,7 +129,7 @@ wheel: $(SETUP) $(AUDIT) $(WEB) ## build the source archive and the wheel, and t
 	@$(BIN)/python tests/installed/twice.py dist build/direct
 	@.venv-audit/bin/python tests/installed/bill.py dist
 	@$(call venv,$(WHEEL))
-	@$(WHEEL)/bin/python $(PIP) install -c constraints.txt dist/*.whl
+	@$(WHEEL)/bin/python $(PIP) install --no-compile -c constraints.txt dist/*.whl
 	@$(WHEEL)/bin/python -I tests/installed/as_a_user.py
 	@$(WHEEL)/bin/python $(PIP) install --no-compile -c constraints.txt "$$(ls dist/*.whl)[all]" hypothesis onnx pytest pytest-xdist
 	@mkdir $(WHEEL)/source && tar -xzf dist/*.tar.gz --strip-components 1 -C $(WHEEL)/source && rm -r $(WHEEL)/source/src
@@ -172,9 +175,10 @@ $(RUN): pyproject.toml constraints.txt
 	  find . -type d -name tests -prune -exec rm -rf {} +
 	@touch $@
 
-$(SETUP): $(RUN)
+$(SETUP): pyproject.toml constraints.txt
+	@$(call venv,.venv)
 	@$(BIN)/python $(PIP) install --no-compile -c constraints.txt -e ".[all,dev]"
-	@touch $@
+	@touch $(RUN) $@
 
 web/node_modules/.stamp-setup: web/package.json web/package-lock.json
 	@command -v npm >/dev/null || { echo "The explorer's page is built with Node.js 20 or newer: install it, then make web."; exit 1; }

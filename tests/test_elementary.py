@@ -185,6 +185,7 @@ def test_a_slightly_wrong_coefficient_is_caught(name: str, constants: dict[str, 
         assert (worst(function, case.true, points)[0] < BOUND) is limit
 
 
+@pytest.mark.full
 def test_an_angle_less_quarter_turns_needs_all_its_parts() -> None:
     # Negative control of the hard angles: without the last part of pi / 2 the nearest of them go wrong.
     plain = plain_functions(_QUARTER=(*_QUARTER[:3], 0.0))

@@ -26,6 +26,7 @@ def some_history(n: int, seed: int = 0) -> np.ndarray:
     return history
 
 
+@pytest.mark.full
 def test_the_papers_periods_hold_all_seconds_up_to_their_end() -> None:
     found = analyse_periods(some_history(60))
     assert [one.steps for one in found] == list(PERIODS) == [1, 2, 3, 5, 7, 9, 12, 15]

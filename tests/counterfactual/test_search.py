@@ -58,6 +58,7 @@ def random_crashes() -> list[Traffic]:
     return [traffic for traffic in (random_crash(rng) for _ in range(200)) if traffic is not None]
 
 
+@pytest.mark.full
 def test_nothing_is_lost_against_all_sequences_one_by_one(random_crashes: list[Traffic]) -> None:
     """The referee: where the search finds nothing, no sequence keeps clear; what it finds, the referee finds too."""
     assert len(random_crashes) >= 20

@@ -154,6 +154,7 @@ def outcomes(run_av: ForeignAv, tests: int) -> Outcomes:
     return run_av(run.setting, run.slots, SEED, 0, tests, False)[0]
 
 
+@pytest.mark.full
 def test_a_measured_batch_gives_the_results_of_any_other(avs: Path) -> None:  # noqa: ARG001
     measured, one = ForeignAv("avs:Good", Odd()), ForeignAv("avs:Good", Odd(), batch=1)
     assert measured.batch > 1

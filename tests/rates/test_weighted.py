@@ -54,6 +54,7 @@ def test_weights_that_are_none(weights: list[float]) -> None:
         weighted_rate(np.array(weights))
 
 
+@pytest.mark.full
 def test_intervals_cover(seed: int) -> None:
     rng, runs = np.random.default_rng(seed), 1000
     found = [weighted_rate(drawn(rng, 60_000)) for _ in range(runs)]

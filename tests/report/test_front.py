@@ -318,7 +318,7 @@ def test_the_first_picture_plays_and_paper_is_white_and_narrow(natural_run_folde
 def test_it_prints(natural_run_folder: Path, tmp_path: Path) -> None:
     file, pdf = write_report(natural_run_folder), tmp_path / "page.pdf"
     command = [str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
-    command += ["--virtual-time-budget=8000", f"--print-to-pdf={pdf}", file.as_uri()]
+    command += ["--virtual-time-budget=3000", f"--print-to-pdf={pdf}", file.as_uri()]
     subprocess.run(command, capture_output=True, timeout=120, check=True)
     content = pdf.read_bytes()
     assert content.startswith(b"%PDF-")

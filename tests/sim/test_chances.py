@@ -281,6 +281,7 @@ def test_the_action_of_a_controlled_bv_is_remembered_as_one_that_was_drawn(mindf
             assert (below[a - 1] if a else 0.0) - 1e-6 <= world.vehicles["quantile"][1] <= below[a] + 1e-6
 
 
+@pytest.mark.full
 def test_who_holds_the_speed_may_have_looked_away(mindful: NddModel) -> None:
     # H0: of controlled BVs that hold their speed, P(looked away | held) did; unit: a test; n = 20,000 sees 0.014.
     # The rest of the statement is the law of who looks at the road, without memory: what it did is not known.

@@ -222,6 +222,7 @@ def slow_cut_ins(scenario: Scenario) -> list[tuple[float, float, float, float]]:
 # Against recordings
 
 
+@pytest.mark.full
 def test_cut_ins_are_those_of_the_recordings(reckless: NddModel) -> None:
     """Quantiles by the histograms and by NumPy on the frames.
 

@@ -202,6 +202,7 @@ def chain(vehicles: NDArray[np.void], lane: int) -> NDArray[np.void]:
     return np.sort(vehicles[vehicles["target_lane"] == lane], order="x")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("lanes", [2, 3, 6])
 def test_the_farther_right_a_lane_the_more_trucks_start_in_it(model: NddModel, lanes: int, seed: int) -> None:
     # H0: the rearmost vehicle of a lane without the AV is a truck with the lane's share; unit: a test; the mean share
