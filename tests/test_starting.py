@@ -40,7 +40,7 @@ def test_simulate_loads_what_drives_tests_and_no_more(tmp_path: Path) -> None:
         "duckdb",
     }
     assert not packages & loaded
-    own = {"library", "ndd.fit", "ndd.readers", "results.whole", "results.retest", "pipeline.generate"}
+    own = {"library", "ndd.fit", "ndd.readers", "results.whole", "results.retest", "pipeline.filling"}
     assert not {f"cornerforge.{name}" for name in own} & loaded
 
 

@@ -114,8 +114,8 @@ def make_small() -> None:
     plain._BLOCK, plain._STORE_SECONDS, plain._SHARD_CASES = 1_000, 0.2, 20  # type: ignore[attr-defined]
     rate.PLAIN_TESTS = 2_000  # type: ignore[attr-defined]
     rate.TREES = splitting.TREES = 1_000  # type: ignore[attr-defined]
-    generate = import_module("cornerforge.pipeline.generate")
-    generate._SHARD_CASES, generate._COMMIT_SECONDS = 40, 0.05  # type: ignore[attr-defined]
+    filling = import_module("cornerforge.pipeline.filling")
+    filling._SHARD_CASES, filling._COMMIT_SECONDS = 40, 0.05  # type: ignore[attr-defined]
     run, reproduce = import_module("cornerforge.pipeline.run"), import_module("cornerforge.paper.bench")
     run.EFFORTS["quick"] = run.Effort(
         nde_tests=2_000, natural_tests=3_000, natural_rhw=0.3, decisions=6_144, evaluation_tests=64, exposure_tests=64,

@@ -37,7 +37,7 @@ from cornerforge.types import Odd
 
 pytestmark = pytest.mark.full
 
-generate_module = importlib.import_module("cornerforge.pipeline.generate")
+filling = importlib.import_module("cornerforge.pipeline.filling")
 WHAT = ["case_id", "trajectory_digest", "crash_time_s", "log_prob_nde"]
 
 
@@ -154,7 +154,7 @@ def test_resuming_a_finished_library_changes_no_case(swerve_library: Path, tmp_p
 
 def test_rare_crashes_are_committed_by_the_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Long before a shard is full, progress is committed, so that a kill does not lose hours."""
-    monkeypatch.setattr(generate_module, "_COMMIT_SECONDS", 0.0)
+    monkeypatch.setattr(filling, "_COMMIT_SECONDS", 0.0)
     seen = []
 
     def watch(stage: str, done: float, total: float) -> None:
@@ -230,7 +230,7 @@ def test_wrong_arguments_make_no_library(arguments: dict[str, object], tmp_path:
 
 
 def test_an_adversary_too_weak_is_said_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(generate_module, "_MAX_TESTS_PER_CASE", 3)
+    monkeypatch.setattr(filling, "_MAX_TESTS_PER_CASE", 3)
     with pytest.raises(InputError, match=r"0 of 1 cases after 3 tests"):
         cornerforge.generate(policy="uniform", bounded=True, cases=1, out=tmp_path / "library")
 
@@ -247,7 +247,7 @@ def test_cases_of_before_jerk_had_a_limit_happen_again(tmp_path: Path) -> None:
     """Manifests of then do not state one, and mean none; driven with today's limit the same tests are others."""
     early = tmp_path / "early"
     run = experiment(bv="swerve", road=Odd(max_jerk=math.inf))
-    generate_module.fill_library(run, early, seed=5, cases=5, threads=1, resume=False, progress=NO_PROGRESS)
+    filling.fill_library(run, early, seed=5, cases=5, threads=1, resume=False, progress=NO_PROGRESS)
     assert "max_jerk" not in json.loads((early / "manifest.json").read_text())["odd"]
     assert cornerforge.replay(early, "all", check=True).identical is True
     cornerforge.shrink(early, "all", out=tmp_path / "shrunk")

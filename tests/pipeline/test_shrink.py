@@ -21,7 +21,7 @@ from cornerforge.drivers.mobil import MobilParams
 from cornerforge.errors import CornerForgeError, InputError, OutputError, ReplayError, UnknownNameError
 from cornerforge.library import CaseLibrary, case_record
 from cornerforge.pipeline.cases import experiment_of
-from cornerforge.pipeline.generate import MODEL_FILE
+from cornerforge.pipeline.filling import MODEL_FILE
 from cornerforge.pipeline.setting import experiment
 from cornerforge.results import ShrunkLibrary
 from cornerforge.sim.recorder import scenario_digest

@@ -13,8 +13,8 @@ import cornerforge
 from cornerforge.drivers.avs import AvNetwork, av_hash, av_named
 from cornerforge.drivers.policy import NetworkShape, n_weights
 from cornerforge.errors import FileFormatError, InputError, OutputError
+from cornerforge.intervals import binomial_interval
 from cornerforge.pipeline.av_file import av_of, load_av, rl_av_path, save_av
-from cornerforge.rates.intervals import binomial_interval
 from cornerforge.results import TrainedAv
 from cornerforge.sim.av_features import AV_FEATURES_VERSION, N_AV_FEATURES
 

@@ -42,7 +42,7 @@ from reference.world import Body, World
 from scipy import stats
 from statistical_bounds import distance_to_law, dkw_bound, rate_fits
 
-from cornerforge.rates.intervals import binomial_interval
+from cornerforge.intervals import binomial_interval
 from cornerforge.rates.trees import grow
 from cornerforge.rates.weighted import LEAST_TREES, weighted_rate
 from cornerforge.sim import ScriptDriver

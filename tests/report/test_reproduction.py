@@ -13,8 +13,7 @@ from edited_files import write_object
 
 from cornerforge.errors import FileFormatError
 from cornerforge.paper.registry import ITEMS
-from cornerforge.report import write_reproduction
-from cornerforge.report.reproduction import RENDERERS
+from cornerforge.report.reproduction import RENDERERS, write_reproduction
 
 pytestmark = pytest.mark.full
 

@@ -14,7 +14,7 @@ from cornerforge.analysis.flaw import FLAWS, headline
 from cornerforge.explorer.columns import CaseTable
 from cornerforge.explorer.sources import Analysis, Source
 from cornerforge.explorer.words import KINDS, VALUES
-from cornerforge.rates import weighted_interval
+from cornerforge.intervals import weighted_interval
 from cornerforge.report import text
 
 __all__ = ["cards", "headline_of", "miles_of"]

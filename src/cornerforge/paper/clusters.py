@@ -10,6 +10,7 @@ import numpy as np
 from cornerforge.analysis.analyse import Analysis, analyse
 from cornerforge.analysis.dbscan import MAJORITY_SHARE, neighbour_distance
 from cornerforge.analysis.sensitivity import split_sensitivity
+from cornerforge.intervals import binomial_interval
 from cornerforge.library import CaseLibrary
 from cornerforge.paper.bench import Adversary, Bench
 from cornerforge.paper.figure7 import thinned
@@ -22,7 +23,6 @@ from cornerforge.paper.libraries import (
     library_of,
     missing_note,
 )
-from cornerforge.rates import binomial_interval
 
 __all__ = ["FIGURE8", "FIGURE10", "Analysed", "analysed", "letters"]
 

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.analysis.mechanism import MECHANISMS, mechanism_of
+from cornerforge.intervals import binomial_interval
 from cornerforge.paper.bench import Adversary, Bench
 from cornerforge.paper.clusters import Analysed, analysed, letters
 from cornerforge.paper.drawn import drawn_case, number_of_cases
 from cornerforge.paper.figure7 import thinned
 from cornerforge.paper.item import Finding, Item, Row
 from cornerforge.paper.libraries import BOUNDED, FREE, missing_note
-from cornerforge.rates import binomial_interval
 
 __all__ = ["FIGURE9", "FIGURE11"]
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from cornerforge.adversary.policy_file import policy_hash
 from cornerforge.drivers.avs import av_hash
+from cornerforge.intervals import poisson_interval
 from cornerforge.paper.bench import Adversary, Bench
 from cornerforge.paper.item import Finding, Item, Row
 from cornerforge.pipeline.setting import Experiment
-from cornerforge.rates import poisson_interval
 from cornerforge.sim import simulate_chunks, statistics, warm_up
 from cornerforge.types import METRES_PER_MILE
 

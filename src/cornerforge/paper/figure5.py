@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from cornerforge.analysis.crash_types import CRASH_TYPES
+from cornerforge.intervals import binomial_interval
 from cornerforge.paper.bench import Adversary, Bench
 from cornerforge.paper.item import Finding, Item, Row
 from cornerforge.paper.pooled import pooled
-from cornerforge.rates import binomial_interval
 
 __all__ = ["FIGURE5"]
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.analysis.periods import Period, analyse_periods
+from cornerforge.intervals import binomial_interval
 from cornerforge.paper.bench import Adversary, Bench
 from cornerforge.paper.item import Finding, Item, Row, Value
 from cornerforge.paper.libraries import BOUNDED, FREE, library_of, missing_note
-from cornerforge.rates import binomial_interval
 
 __all__ = ["FIGURE7", "thinned"]
 

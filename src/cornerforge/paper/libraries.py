@@ -10,7 +10,7 @@ from typing import Any
 from cornerforge.adversary.policy_file import policy_hash
 from cornerforge.library import CaseLibrary
 from cornerforge.paper.bench import Adversary, Bench
-from cornerforge.pipeline.generate import fill_library
+from cornerforge.pipeline.filling import fill_library
 
 __all__ = ["BOUNDED", "FREE", "PAPER_BOUNDED_CASES", "PAPER_CASES", "Filled", "library_of", "missing_note"]
 

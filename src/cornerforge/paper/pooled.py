@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from cornerforge.rates import binomial_interval
+from cornerforge.intervals import binomial_interval
 
 __all__ = ["pooled"]
 

@@ -16,6 +16,7 @@ from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge._locks import claims
 from cornerforge.errors import InputError
 from cornerforge.fields import SHORTFALL
+from cornerforge.intervals import binomial_interval, share_interval
 from cornerforge.library import CaseLibrary
 from cornerforge.library.natural import is_natural, natural_weights
 from cornerforge.pipeline.judges import LEAD_S, has_way_out, judges_of
@@ -23,7 +24,6 @@ from cornerforge.pipeline.natural import natural_shares
 from cornerforge.pipeline.output import open_output, provenance, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_threads
-from cornerforge.rates.intervals import binomial_interval, share_interval
 from cornerforge.results import Analysed, as_json, from_json
 from cornerforge.results.analysis import Natural
 

@@ -14,7 +14,7 @@ from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.natural import natural_weights
 from cornerforge.ndd.model import load_model
 from cornerforge.pipeline.beside import analysis_beside
-from cornerforge.pipeline.generate import MODEL_FILE
+from cornerforge.pipeline.filling import MODEL_FILE
 from cornerforge.pipeline.output import config_hash, version
 from cornerforge.report.artefacts import per_billion_miles
 

@@ -25,7 +25,7 @@ from cornerforge.fields import SERIES
 from cornerforge.interchange.case_file import CaseFile, Happened, read_case_file
 from cornerforge.interchange.cases import plain_text, straight_on
 from cornerforge.ndd.model import default_model_path, load_model, model_hash
-from cornerforge.pipeline.generate import MODEL_FILE
+from cornerforge.pipeline.filling import MODEL_FILE
 from cornerforge.pipeline.setting import RECORDED_AV, Experiment, experiment
 from cornerforge.sim import SUBSTEPS, Ending, Script
 from cornerforge.types import CLASSES, FRAME_S, Scenario

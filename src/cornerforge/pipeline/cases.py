@@ -22,7 +22,7 @@ from cornerforge.library.manifest import MANIFEST
 from cornerforge.library.query import MEGABYTES, SECONDS, run_sql
 from cornerforge.library.schema import IDENTITY_FIELDS
 from cornerforge.pictures.moments import partner_of
-from cornerforge.pipeline.generate import MODEL_FILE, policy_file
+from cornerforge.pipeline.filling import MODEL_FILE, policy_file
 from cornerforge.pipeline.named_avs import check_named
 from cornerforge.pipeline.output import code_hash
 from cornerforge.pipeline.picture import check_picture, check_video, way_out_of, write_picture, write_video

@@ -8,9 +8,9 @@ from typing import Any, get_args
 from cornerforge._checks import check_integer
 from cornerforge.errors import AvFaultError
 from cornerforge.foreign.driver import answers_per_test
+from cornerforge.intervals import binomial_interval
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress, moving
 from cornerforge.pipeline.setting import Experiment
-from cornerforge.rates import binomial_interval
 from cornerforge.results import Simulated, from_json
 from cornerforge.results.driving import Distributions, Quantity, TtcLimit
 from cornerforge.results.rates import Rate

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cornerforge.rates import binomial_interval
+from cornerforge.intervals import binomial_interval
 from cornerforge.results.analysis import Judges, ShareAtReaction
 
 if TYPE_CHECKING:

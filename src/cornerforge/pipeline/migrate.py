@@ -18,7 +18,7 @@ from cornerforge.library import CaseLibrary
 from cornerforge.library.schema import EXTRA_TYPES, ON_RAILS, RAILS_TRACKS, SCRIPTED, SCRIPTED_TRACKS, arrow_schema
 from cornerforge.library.shards import encode_tables
 from cornerforge.ndd.model import load_model, save_model
-from cornerforge.pipeline.generate import MODEL_FILE
+from cornerforge.pipeline.filling import MODEL_FILE
 from cornerforge.pipeline.output import provenance, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.results.whole import Migrated

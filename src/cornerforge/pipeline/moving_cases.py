@@ -20,7 +20,7 @@ from cornerforge.library.record import Scalar
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
 from cornerforge.ndd.model import save_model
 from cornerforge.pipeline.case_files import av_straight_on, crash_in_words, happened_in, known_frames, recorded_drive
-from cornerforge.pipeline.generate import MODEL_FILE
+from cornerforge.pipeline.filling import MODEL_FILE
 from cornerforge.pipeline.output import check_new_folder, code_hash, provenance, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import RECORDED_AV, Experiment, experiment

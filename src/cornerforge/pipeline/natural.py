@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.rates import weighted_interval
+from cornerforge.intervals import weighted_interval
 from cornerforge.results.analysis import Natural, NaturalKind
 from cornerforge.types import METRES_PER_MILE
 

@@ -16,15 +16,15 @@ from typing import Any
 
 from cornerforge.errors import CornerForgeError, FileFormatError
 from cornerforge.foreign.driver import answers_per_test
+from cornerforge.intervals import binomial_interval, poisson_interval
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.ndd.model import save_model
 from cornerforge.pipeline.counting import rate_summary
 from cornerforge.pipeline.crashes import NaturalCrashes, crash_tables
-from cornerforge.pipeline.generate import MODEL_FILE
+from cornerforge.pipeline.filling import MODEL_FILE
 from cornerforge.pipeline.output import code_hash, open_output, read_json_file, remove_folder, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress, moving
 from cornerforge.pipeline.setting import AV_LOG, Experiment
-from cornerforge.rates import binomial_interval, poisson_interval
 from cornerforge.rates.exposure import SAMPLE_TESTS, BvTravel, bv_travel
 from cornerforge.rates.monte_carlo import BLOCK, CHUNK, MonteCarlo, drive_blocks, relative_half_width
 from cornerforge.results import NaturalRate, as_json

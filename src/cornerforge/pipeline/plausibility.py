@@ -15,14 +15,14 @@ from cornerforge._locks import claims
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import check_budget, policy_hash, save_policy
 from cornerforge.errors import InputError
+from cornerforge.intervals import binomial_interval
 from cornerforge.ndd.drawing import BLUE, GREY, ORANGE, check_matplotlib, new_figure, png_of
+from cornerforge.pipeline.filling import harvest_tests
 from cornerforge.pipeline.forecast import forecast
-from cornerforge.pipeline.generate import harvest_tests
 from cornerforge.pipeline.output import code_hash, open_output, provenance, read_json_file, version, write_json, writing
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import AV_LOG, Experiment, check_threads, experiment
 from cornerforge.pipeline.train import EVALUATION_TESTS, evaluate, learn, training_faults
-from cornerforge.rates import binomial_interval
 from cornerforge.results import Plausibility, as_json, from_json
 from cornerforge.results.cases import NaturalPlausibility, PlausibilityRow, PlausibilityRun
 from cornerforge.world_options import AvKeywords, WorldOptions

@@ -22,8 +22,8 @@ from cornerforge.execution import in_order
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
 from cornerforge.ndd.model import save_model
+from cornerforge.pipeline.filling import MODEL_FILE
 from cornerforge.pipeline.forecast import forecast
-from cornerforge.pipeline.generate import MODEL_FILE
 from cornerforge.pipeline.output import (
     check_new_folder,
     code_hash,
@@ -43,7 +43,7 @@ from cornerforge.sim import AV_CRASH, AV_FAULT, NOBODY, RAILS, Rails, Setting, s
 from cornerforge.world_options import AvKeywords, WorldOptions
 
 if TYPE_CHECKING:
-    from cornerforge.report import R157Picture
+    from cornerforge.report.r157 import R157Picture
 
 __all__ = ["r157", "r157_text"]
 
@@ -125,7 +125,7 @@ def r157(
                               odd)  # fmt: skip
     place = None if out is None else Path(out)
     if place is not None:
-        from cornerforge.report import check_r157_page
+        from cornerforge.report.r157 import check_r157_page
 
         check_r157_page()
         check_new_folder(place)  # before an AV from outside starts
@@ -152,7 +152,7 @@ def r157(
     library.finish()
     write_json(library.path / "provenance.json", provenance(library.identity))
     write_text(place / "scenarios.csv", _csv(driven))
-    from cornerforge.report import write_r157_page
+    from cornerforge.report.r157 import write_r157_page
 
     result = replace(result, library=str(library.path), page=str(place / "r157.html"))
     write_r157_page(place / "r157.html", result, [_picture(one) for one in driven])
@@ -248,7 +248,7 @@ def _csv(driven: Sequence[_Driven]) -> str:
 
 
 def _picture(one: _Driven) -> R157Picture:
-    from cornerforge.report import R157Picture
+    from cornerforge.report.r157 import R157Picture
 
     panel = one.panel
 

@@ -15,8 +15,8 @@ from cornerforge.adversary.policy_file import load_policy
 from cornerforge.errors import InputError
 from cornerforge.pipeline.analyse import analyse
 from cornerforge.pipeline.effort import effort_and_budget
+from cornerforge.pipeline.filling import fill_library
 from cornerforge.pipeline.forecast import forecast
-from cornerforge.pipeline.generate import fill_library
 from cornerforge.pipeline.output import (
     SUMMARY,
     code_hash,

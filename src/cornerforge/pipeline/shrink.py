@@ -20,7 +20,7 @@ from cornerforge.library import CaseLibrary, CaseRecord, StoredCase, case_record
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
 from cornerforge.ndd.model import save_model
 from cornerforge.pipeline.cases import driver_of_cases, experiment_of, is_same
-from cornerforge.pipeline.generate import MODEL_FILE
+from cornerforge.pipeline.filling import MODEL_FILE
 from cornerforge.pipeline.output import code_hash, config_hash, provenance, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment

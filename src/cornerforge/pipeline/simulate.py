@@ -63,7 +63,7 @@ def simulate(
     run = experiment(WorldOptions(**world), bv=bv, acting=acting, takes_foreign=True, seed=seed)
     forecast(run, threads, f"driving {tests:,} tests", tests=tests)
     if out is not None:
-        from cornerforge.pipeline.generate import store_tests  # here, because it loads pyarrow
+        from cornerforge.pipeline.filling import store_tests  # here, because it loads pyarrow
 
         return store_tests(
             run, Path(out), tests=tests, seed=seed, threads=threads, counting=stats, resume=resume, progress=progress

@@ -25,11 +25,12 @@ from cornerforge.execution import cpu_seconds
 from cornerforge.foreign.driver import answers_per_test
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.foreign.pace import announce
+from cornerforge.intervals import binomial_interval
 from cornerforge.library import CaseLibrary
 from cornerforge.pipeline.analyse import analyse
 from cornerforge.pipeline.counting import CHUNK, check_not_all_spoiled, rate_summary, simulate_experiment
+from cornerforge.pipeline.filling import fill_library, library_summary
 from cornerforge.pipeline.forecast import pace_text, seconds_of
-from cornerforge.pipeline.generate import fill_library, library_summary
 from cornerforge.pipeline.output import SUMMARY, code_hash, config_hash, open_output, provenance, version, write_json
 from cornerforge.pipeline.plain import PlainTests
 from cornerforge.pipeline.progress import Progress, moving
@@ -54,7 +55,6 @@ from cornerforge.pipeline.stages import (
 )
 from cornerforge.pipeline.train import checkpoint_beside, judge, yield_of
 from cornerforge.pipeline.verdicts import count_paid
-from cornerforge.rates import binomial_interval
 from cornerforge.rates.exposure import BvTravel
 from cornerforge.rates.monte_carlo import Block, MonteCarlo
 from cornerforge.results import Analysed, NaturalRate, RunDone, Simulated, as_json

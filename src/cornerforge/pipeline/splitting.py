@@ -24,14 +24,14 @@ from cornerforge.analysis.mechanism import crash_types_of, mechanism_of
 from cornerforge.errors import FileFormatError
 from cornerforge.foreign.recorder import ForeignRecorder
 from cornerforge.foreign.trees import ForeignGrower
+from cornerforge.intervals import poisson_interval, weighted_interval
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.library.schema import SCRIPTED
 from cornerforge.ndd.model import save_model
-from cornerforge.pipeline.generate import MODEL_FILE
+from cornerforge.pipeline.filling import MODEL_FILE
 from cornerforge.pipeline.output import code_hash, remove_folder, version
 from cornerforge.pipeline.progress import Progress
 from cornerforge.pipeline.setting import Experiment
-from cornerforge.rates import poisson_interval, weighted_interval
 from cornerforge.rates.monte_carlo import MonteCarlo
 from cornerforge.rates.trees import BUILT_IN_GROWER, Grower, grow
 from cornerforge.rates.weighted import (

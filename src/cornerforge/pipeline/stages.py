@@ -15,7 +15,7 @@ from cornerforge.errors import FileFormatError
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.pipeline.analyse import ANALYSIS_FILES, analyse
 from cornerforge.pipeline.counting import simulate_experiment, tally_summary
-from cornerforge.pipeline.generate import MODEL_FILE
+from cornerforge.pipeline.filling import MODEL_FILE
 from cornerforge.pipeline.output import read_json_file, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress, begin_part
 from cornerforge.pipeline.setting import Experiment

@@ -23,8 +23,8 @@ from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
 from cornerforge.ndd.model import model_hash, save_model
 from cornerforge.pipeline.cases import SEVERAL, experiment_of
+from cornerforge.pipeline.filling import MODEL_FILE
 from cornerforge.pipeline.forecast import forecast
-from cornerforge.pipeline.generate import MODEL_FILE
 from cornerforge.pipeline.output import check_new_folder, code_hash, config_hash, provenance, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from cornerforge.intervals import binomial_interval, poisson_interval
 from cornerforge.ndd.model import NddModel
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import experiment
 from cornerforge.rates.exposure import SAMPLE_TESTS, bv_travel
-from cornerforge.rates.intervals import binomial_interval, poisson_interval
 from cornerforge.rates.monte_carlo import drive_block
 
 __all__ = ["traffic_crashes"]

@@ -17,6 +17,7 @@ from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, save_policy
 from cornerforge.errors import OutputError
 from cornerforge.foreign.driver import answers_per_second, answers_per_test
+from cornerforge.intervals import binomial_interval
 from cornerforge.ndd.model import model_hash
 from cornerforge.pipeline.counting import CHUNK, check_not_all_spoiled, rate_summary
 from cornerforge.pipeline.forecast import forecast
@@ -24,7 +25,6 @@ from cornerforge.pipeline.output import check_new_file, code_hash, provenance, r
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress, moving
 from cornerforge.pipeline.setting import AV_LOG, Experiment, check_threads, experiment
 from cornerforge.pipeline.verdicts import count_paid, verdict_of
-from cornerforge.rates import binomial_interval
 from cornerforge.results import Trained
 from cornerforge.results.learning import Baseline
 from cornerforge.results.rates import Yield

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from cornerforge.intervals import binomial_interval
 from cornerforge.ndd.lane_observations import START_BEFORE, Transition, transitions_of
 from cornerforge.ndd.readers import Reading
 from cornerforge.pipeline.judging import judged
 from cornerforge.pipeline.setting import Experiment
-from cornerforge.rates import binomial_interval
 from cornerforge.road.straight import lane_centre
 from cornerforge.sim import (
     RUNNING,

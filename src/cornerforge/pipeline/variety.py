@@ -14,13 +14,13 @@ from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
 from cornerforge.fields import HISTORY_SHAPE
+from cornerforge.intervals import binomial_interval
 from cornerforge.library import CaseLibrary
 from cornerforge.pipeline.counting import check_not_all_spoiled
+from cornerforge.pipeline.filling import harvest_tests
 from cornerforge.pipeline.forecast import forecast
-from cornerforge.pipeline.generate import harvest_tests
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
-from cornerforge.rates import binomial_interval
 from cornerforge.results import Varied, from_json
 from cornerforge.results.cases import VarietyRow
 from cornerforge.sim import AV_FAULT

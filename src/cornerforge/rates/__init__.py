@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from cornerforge.rates.intervals import binomial_interval, poisson_interval, rate_ratio_interval, weighted_interval
+from cornerforge.intervals import binomial_interval, poisson_interval, rate_ratio_interval, weighted_interval
 
 __all__ = ["binomial_interval", "poisson_interval", "rate_ratio_interval", "weighted_interval"]

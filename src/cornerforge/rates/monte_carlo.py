@@ -13,7 +13,7 @@ from cornerforge._objects import object_fault
 from cornerforge.errors import FileFormatError
 from cornerforge.execution import cpu_seconds
 from cornerforge.fields import Field
-from cornerforge.rates.intervals import binomial_interval
+from cornerforge.intervals import binomial_interval
 from cornerforge.sim import (
     DriveChunk,
     Outcomes,

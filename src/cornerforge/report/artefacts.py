@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.rates import binomial_interval
+from cornerforge.intervals import binomial_interval
 from cornerforge.report.judged import check_analysis, check_interval, read_table
 from cornerforge.results import Analysed
 from cornerforge.results.learning import TrainingCurve

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.rates import binomial_interval
+from cornerforge.intervals import binomial_interval
 from cornerforge.report import text
 from cornerforge.report.artefacts import Points, Rate
 from cornerforge.results import Analysed

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cornerforge.analysis.conduct import NO_CONDUCT
 from cornerforge.analysis.first_case import PREVENTION
 from cornerforge.analysis.flaw import FLAWS
-from cornerforge.rates.intervals import binomial_interval, share_interval, weighted_interval
+from cornerforge.intervals import binomial_interval, share_interval, weighted_interval
 from cornerforge.report import text
 from cornerforge.report.kinds import kind_in_words
 from cornerforge.report.natural_cases import NaturalCases

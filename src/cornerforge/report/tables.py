@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.analysis.conduct import CONDUCTS
-from cornerforge.rates import binomial_interval
+from cornerforge.intervals import binomial_interval
 from cornerforge.report import text
 from cornerforge.report.artefacts import Rate
 from cornerforge.report.figures import density
