@@ -14,7 +14,7 @@ SETUP := .venv/.stamp-setup
 BENCH := .venv-bench/.stamp-setup
 DOCS := .venv-docs/.stamp-setup
 BROWSER := .venv/.stamp-browser
-WEB := src/cornerforge/explorer/static/index.html
+WEB := src/cornerforge/ext/explorer/static/index.html
 WHEEL := .venv-wheel
 # The wheel holds machine code for two kinds of x86-64, so that a first start compiles nothing; without: make wheel MACHINE_CODE=
 MACHINE_CODE ?= yes
@@ -89,7 +89,7 @@ kill: $(SETUP) ## kill all long commands at random moments, resume them, and com
 
 test-browser: $(SETUP) $(WEB) $(BROWSER) ## test the explorer and the pages: their scripts with Vitest, and all of it in Chromium
 	@cd web && npm test --silent
-	@$(BIN)/python -m pytest -m browser -n auto --dist loadfile --durations 5 tests/browser tests/report tests/pipeline/test_retest_page.py
+	@$(BIN)/python -m pytest -m browser -n auto --dist loadfile --durations 5 tests/browser tests/report tests/verbs/test_retest_page.py
 
 test-interchange: $(SETUP) $(ASAM) $(COMMONROAD) ## let checkers and readers made by others judge the files of cases that we write
 	@ASAM_PYTHON=$(CURDIR)/.venv-asam/bin/python COMMONROAD_PYTHON=$(CURDIR)/.venv-commonroad/bin/python \
@@ -160,7 +160,7 @@ clean-cache: $(RUN) ## drop the compiled kernels; the next start compiles them a
 	@$(BIN)/python -c "import pathlib, cornerforge._kernel_cache as c; [f.unlink() for f in pathlib.Path(c.cache_folder()).glob('*.nbc')]"
 
 clean: ## drop all that make made, .venv too; keeps out/
-	@rm -rf .venv .venv-* build dist site web/node_modules src/cornerforge/explorer/static .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	@rm -rf .venv .venv-* build dist site web/node_modules src/cornerforge/ext/explorer/static .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	@find src tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # A stamp is newer than the two files that decide what gets installed, or the installation runs again.

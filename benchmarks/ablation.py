@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any
 from measuring import table
 
 from cornerforge.adversary.config import PRESETS
-from cornerforge.pipeline.setting import experiment
-from cornerforge.pipeline.train import evaluate, learn
+from cornerforge.experiment.setting import experiment
+from cornerforge.verbs.train import evaluate, learn
 
 if TYPE_CHECKING:
     from cornerforge.adversary.config import TrainConfig

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from cornerforge.pipeline.output import write_text
+from cornerforge.experiment.output import write_text
 
 __all__ = ["MarkedBlock"]
 

@@ -14,11 +14,11 @@ from measuring import Series, interleave, table
 
 from cornerforge import analyse, generate
 from cornerforge.adversary.config import preset_named
-from cornerforge.adversary.policy_file import Policy
 from cornerforge.execution import default_threads
-from cornerforge.pipeline.setting import Experiment, experiment
-from cornerforge.pipeline.train import learn
+from cornerforge.experiment.policy_file import Policy
+from cornerforge.experiment.setting import Experiment, experiment
 from cornerforge.sim.runner import simulate, warm_up
+from cornerforge.verbs.train import learn
 
 __all__ = ["EndToEnd", "Sizes", "measure_end_to_end", "render"]
 

@@ -20,7 +20,7 @@ from cornerforge.drivers.avs import AVS, AvModel
 from cornerforge.drivers.idm import IdmNumbers, IdmParams, idm_acceleration
 from cornerforge.drivers.mobil import MobilParams
 from cornerforge.drivers.sight import Sight
-from cornerforge.pipeline.setting import experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim.actions import hold
 from cornerforge.sim.keep import keep_nothing

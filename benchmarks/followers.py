@@ -12,7 +12,7 @@ import argparse
 import numpy as np
 from measuring import table
 
-from cornerforge.pipeline.setting import experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.types import Scenario
 

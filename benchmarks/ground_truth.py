@@ -30,11 +30,11 @@ from ground_truth_tables import render
 from ledger import Entry, furthest, read_entry, read_ledger, simulation_hash, write_entry, write_ledger
 
 from cornerforge.errors import CornerForgeError, InputError
+from cornerforge.experiment.output import config_hash
+from cornerforge.experiment.setting import Experiment, check_threads, experiment
+from cornerforge.ext.calibrate.variations import varied_model
 from cornerforge.ndd.model import default_model_path, load_model, save_model
-from cornerforge.ndd.variations import varied_model
-from cornerforge.pipeline.crashes import NaturalCrashes
-from cornerforge.pipeline.output import config_hash
-from cornerforge.pipeline.setting import Experiment, check_threads, experiment
+from cornerforge.rates.crashes import NaturalCrashes
 from cornerforge.rates.exposure import SAMPLE_TESTS, bv_travel
 from cornerforge.rates.monte_carlo import BLOCK, Block, drive_block
 from cornerforge.sim.runner import warm_up

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cornerforge.ndd.variations import Variation
+from cornerforge.ext.calibrate.variations import Variation
 
 __all__ = ["SETTINGS", "Setting"]
 

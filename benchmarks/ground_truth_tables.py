@@ -10,8 +10,8 @@ from ledger import Entry
 from measuring import table
 
 from cornerforge.analysis.mechanism import MECHANISMS
-from cornerforge.pipeline.crashes import crash_tables
 from cornerforge.rates import binomial_interval, poisson_interval, rate_ratio_interval
+from cornerforge.rates.crashes import crash_tables
 
 __all__ = ["render"]
 

@@ -1,4 +1,4 @@
-"""How fast agents outside the kernels step: environments of `cornerforge.envs` at 1, 64 and 1,024 worlds.
+"""How fast agents outside the kernels step: environments of `cornerforge.ext.gym` at 1, 64 and 1,024 worlds.
 
     python benchmarks/gym_speed.py
 
@@ -15,7 +15,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from cornerforge.envs import ADVERSARY_ID, DRIVING_ID
+from cornerforge.ext.gym import ADVERSARY_ID, DRIVING_ID
 
 SECONDS = 2.0
 

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 from measuring import table
 
 from cornerforge.adversary.config import TrainConfig, preset_named
-from cornerforge.pipeline.setting import experiment
-from cornerforge.pipeline.train import evaluate, learn
+from cornerforge.experiment.setting import experiment
+from cornerforge.verbs.train import evaluate, learn
 
 if TYPE_CHECKING:
     from cornerforge.adversary.train import CurvePoint

@@ -20,8 +20,8 @@ import cornerforge
 from cornerforge._checksums import KEY, json_checksum
 from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.errors import FileFormatError, InputError
-from cornerforge.pipeline.crashes import CrashStudy
-from cornerforge.pipeline.output import read_json_file, write_text
+from cornerforge.experiment.output import read_json_file, write_text
+from cornerforge.rates.crashes import CrashStudy
 from cornerforge.rates.exposure import BvTravel
 from cornerforge.rates.monte_carlo import MonteCarlo
 

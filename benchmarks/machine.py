@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cornerforge.execution import default_threads
-from cornerforge.pipeline.output import code_hash
+from cornerforge.experiment.output import code_hash
 
 __all__ = ["BUSY_LOAD", "Machine", "describe", "this_machine"]
 

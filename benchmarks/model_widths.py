@@ -1,4 +1,4 @@
-"""How uncertain the numbers of the shipped model are that come from trajectories: widths for `ndd.uncertainty`.
+"""How uncertain the numbers of the shipped model are that come from trajectories: widths for `calibrate.uncertainty`.
 
     .venv/bin/python benchmarks/model_widths.py ../shared/data/ngsim_*.csv.gz
 
@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 from measuring import table
 
+from cornerforge.ext.calibrate.decisions import Decisions, concatenate
+from cornerforge.ext.calibrate.laws import LogLaw, fit_law
+from cornerforge.ext.calibrate.scores import grid_place
 from cornerforge.ndd import read_decisions
-from cornerforge.ndd.decisions import Decisions, concatenate
-from cornerforge.ndd.laws import LogLaw, fit_law
 from cornerforge.ndd.model import GAPS, RANGE_RATES
-from cornerforge.ndd.scores import grid_place
 
 _GAP = 30.0
 """Response and reach of a law are fitted together and trade off; what they do at this gap [m] is what counts."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import time
 
-from cornerforge.pipeline.setting import check_threads, experiment
+from cornerforge.experiment.setting import check_threads, experiment
 from cornerforge.rates.teaching import plan_of, teach
 from cornerforge.rates.trees import Grown, grow
 from cornerforge.rates.weighted import weighted_rate

@@ -20,7 +20,7 @@ from typing import Any
 from document import MarkedBlock
 from measuring import table
 
-from cornerforge.paper.reproduce import REPRODUCE_EFFORTS
+from cornerforge.ext.paper.reproduce import REPRODUCE_EFFORTS
 
 IN_DOCUMENT = MarkedBlock("benchmarks/reproduction.py")
 Json = Mapping[str, Any]

@@ -27,7 +27,7 @@ from document import MarkedBlock
 from end_to_end import Sizes
 from machine import BUSY_LOAD, describe, this_machine
 
-from cornerforge.pipeline.setting import experiment
+from cornerforge.experiment.setting import experiment
 
 IN_DOCUMENT = MarkedBlock("benchmarks/run.py")
 

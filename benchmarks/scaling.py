@@ -13,7 +13,7 @@ from measuring import Series, interleave, on_one_core, table
 from worlds import SEED, driven_seconds, mean_bvs, with_bvs
 
 from cornerforge.execution import default_threads
-from cornerforge.pipeline.setting import Experiment, experiment
+from cornerforge.experiment.setting import Experiment, experiment
 from cornerforge.sim.runner import simulate, simulate_chunks, warm_up
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.traffic import reset_world

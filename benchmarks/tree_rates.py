@@ -28,13 +28,13 @@ from ground_truth_settings import SETTINGS, Setting
 from ledger import read_ledger, simulation_hash, trees_hash
 from measuring import table
 
+from cornerforge.execution.progress import NO_PROGRESS
+from cornerforge.experiment.output import read_json_file, write_json
+from cornerforge.experiment.setting import Experiment, check_threads, experiment
+from cornerforge.ext.calibrate.variations import varied_model
 from cornerforge.ndd import default_model_path, load_model, save_model
-from cornerforge.ndd.variations import varied_model
-from cornerforge.pipeline.output import read_json_file, write_json
-from cornerforge.pipeline.progress import NO_PROGRESS
-from cornerforge.pipeline.setting import Experiment, check_threads, experiment
-from cornerforge.pipeline.splitting import Splitting, kind_rates
 from cornerforge.rates import binomial_interval
+from cornerforge.rates.splitting import Splitting, kind_rates
 from cornerforge.rates.weighted import LARGEST_SHARE, LEAST_EFFECTIVE
 from cornerforge.sim import simulate
 

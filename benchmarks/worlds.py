@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cornerforge.pipeline.setting import Experiment, experiment
+from cornerforge.experiment.setting import Experiment, experiment
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import simulate_chunks

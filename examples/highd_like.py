@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from cornerforge.experiment.setting import experiment  # may move in a later version; all else here is promised
 from cornerforge.ndd import default_model_path, load_model, save_model
-from cornerforge.pipeline.setting import experiment  # may move in a later version; all else here is promised
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import Recorder
 from cornerforge.types import Odd

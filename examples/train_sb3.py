@@ -14,7 +14,7 @@ from stable_baselines3 import DQN
 from stable_baselines3.common.env_util import make_vec_env
 
 import cornerforge
-from cornerforge.adversary.policy_file import save_policy
+from cornerforge.adversary import save_policy
 from cornerforge.envs import ADVERSARY_ID
 from cornerforge.envs.sb3 import policy_of_sb3
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from cornerforge._checksums import write_arrays
 from cornerforge.drivers.avs import AVS
 from cornerforge.execution import default_threads
-from cornerforge.pipeline.setting import Experiment, experiment
+from cornerforge.experiment.setting import Experiment, experiment
 from cornerforge.rates.teaching import School, blind_plan, level_of, wide_plan_of
 from cornerforge.rates.trees import LessonTable, grow
 from cornerforge.sim import Plan

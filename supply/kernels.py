@@ -41,7 +41,7 @@ with small_trees():
 cornerforge.simulate(tests=20, av="rl")
 cornerforge.train(out="q.safetensors", decisions=1024, tests=20, reward="avoidable")
 cornerforge.train_av(out="a.safetensors", decisions=1024, tests=20)
-import gymnasium, cornerforge.envs
+import gymnasium, cornerforge.ext.gym
 for name in ("Adversary-v0", "Driving-v0"):
     world = gymnasium.make(f"cornerforge/{name}")
     world.reset(seed=1)
@@ -84,7 +84,7 @@ from small_trees import small_trees
 def begin_elsewhere():
     # The other job compiles a second of driving from its start; this one begins with what comes later in that second.
     import numba
-    from cornerforge.pipeline.setting import experiment
+    from cornerforge.experiment.setting import experiment
     from cornerforge.sim import allocate_scratch, allocate_worlds, keep_nothing, loop, world_of
     run = experiment()
     setting, slots = run.setting, run.slots

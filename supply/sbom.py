@@ -21,7 +21,7 @@ BOM = "sboms/cornerforge.cdx.json"
 """Its place below the wheel's .dist-info (PEP 770)."""
 FOR_DEVELOPERS = ("bench", "browser", "docs", "dev")
 """Extras that bring tools, not parts of what users run."""
-STATIC = "src/cornerforge/explorer/static"
+STATIC = "src/cornerforge/ext/explorer/static"
 _REQUIREMENT = re.compile(r"([A-Za-z0-9][A-Za-z0-9._-]*)(\[[^\]]*\])?\s*((?:[<>=!~][^;@]*)?)")
 _HEAD = re.compile(r"^((?:@[\w.-]+/)?[\w.-]+) (\d+\.\d+\.\d+\S*)\n\n", flags=re.MULTILINE)
 

@@ -7,15 +7,15 @@ from collections.abc import Iterable
 from dataclasses import fields
 
 from cornerforge.adversary.checkpoint import CHECKPOINT_FIELDS, CHECKPOINT_SCHEMA
-from cornerforge.adversary.policy_file import POLICY_FIELDS, POLICY_SCHEMA
+from cornerforge.experiment.av_file import AV_FIELDS, AV_FILE_SCHEMA
+from cornerforge.experiment.policy_file import POLICY_FIELDS, POLICY_SCHEMA
+from cornerforge.ext.studies.model_draws import DRAW_FIELDS
 from cornerforge.fields import Field
 from cornerforge.library.schema import FILE_FIELDS, IDENTITY_FIELDS, MANIFEST_FIELDS, SCHEMA_VERSION, SHARD_FIELDS
 from cornerforge.library.values import CASE_RELATIONS, TRACK_RELATIONS
 from cornerforge.ndd.memory import Memory
 from cornerforge.ndd.model import SCHEMA_VERSION as MODEL_SCHEMA
 from cornerforge.ndd.model import TABLES, InitialState, NddModel
-from cornerforge.pipeline.av_file import AV_FIELDS, AV_FILE_SCHEMA
-from cornerforge.pipeline.model_draws import DRAW_FIELDS
 from cornerforge.rates.monte_carlo import COUNTS_FIELDS
 
 __all__ = ["formats_markdown"]

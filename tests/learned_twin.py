@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.drivers.policy import best_action, q_values
-from cornerforge.pipeline.av_file import av_of
+from cornerforge.experiment.av_file import av_of
 from cornerforge.road.straight import RoadNumbers, lane_centre, road_numbers
 from cornerforge.sim.av_features import av_features
 from cornerforge.sim.av_kinds import DECIDES_EVERY

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge.experiment.setting import experiment
 from cornerforge.geometry import Box, boxes_overlap
-from cornerforge.pipeline.setting import experiment
 from cornerforge.types import Scenario
 
 __all__ = ["Entity", "contact_frame", "crash_of", "entities_of", "real_crashes", "times_over", "tracks_of"]

@@ -12,9 +12,9 @@ __all__ = ["SMALL", "small_trees"]
 
 SMALL: dict[str, dict[str, Any]] = {
     "rates.teaching": {"_EXPLORING": 200, "_ROUNDS": (300,), "TEACHING_TREES": 500, "_PILOT": 200, "_STEPS": 150},
-    "pipeline.plain": {"_BLOCK": 2_000},
-    "pipeline.rate": {"PLAIN_TESTS": 4_000, "TREES": 500},
-    "pipeline.splitting": {"TREES": 500, "LEAST_TREES": 1_000},
+    "rates.plain": {"_BLOCK": 2_000},
+    "verbs.rate": {"PLAIN_TESTS": 4_000, "TREES": 500},
+    "rates.splitting": {"TREES": 500, "LEAST_TREES": 1_000},
 }
 """What each module takes instead of its own numbers."""
 

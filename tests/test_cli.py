@@ -24,21 +24,21 @@ from stage_lines import LINE, without_stages
 import cornerforge._kernel_cache
 from cornerforge._jit import kernel
 from cornerforge.adversary.config import PRESETS
-from cornerforge.adversary.policy_file import Policy, save_policy
 from cornerforge.cli import app, main
 from cornerforge.cli.output import Bars, compiling_text, run_command, speed_text
 from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.policy import n_weights
 from cornerforge.errors import InputError
-from cornerforge.ndd.layouts import DATA_FORMATS
-from cornerforge.paper.bench import REPRODUCE_EFFORTS
-from cornerforge.paper.registry import ITEMS
-from cornerforge.pipeline.stages import Stages
+from cornerforge.experiment.policy_file import Policy, save_policy
+from cornerforge.ext.calibrate.layouts import DATA_FORMATS
+from cornerforge.ext.paper.bench import REPRODUCE_EFFORTS
+from cornerforge.ext.paper.registry import ITEMS
 from cornerforge.report import judged
 from cornerforge.types import ODDS
+from cornerforge.verbs.stages import Stages
 from cornerforge.world_options import PLAIN_ADVERSARIES, REWARD_NAMES
 
-run_module = importlib.import_module("cornerforge.pipeline.run")
+run_module = importlib.import_module("cornerforge.verbs.run")
 
 Capture = pytest.CaptureFixture[str]
 shell = pytest.mark.skipif(sys.platform == "win32", reason="needs a POSIX shell")
@@ -579,7 +579,7 @@ def test_a_case_that_happens_differently_is_status_1(
     files: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The same library, replayed by a program whose adversary is bounded, though the library's was not."""
-    cases = importlib.import_module("cornerforge.pipeline.cases")
+    cases = importlib.import_module("cornerforge.verbs.cases")
     honest = cases.experiment_of
 
     def other(*arguments: Any, **asked: Any) -> Any:

@@ -24,8 +24,8 @@ from cornerforge.errors import EngineError, InputError
 from cornerforge.execution import cluster as cluster_module
 from cornerforge.execution import cpu_seconds, engine, in_order
 from cornerforge.execution.worker import work_on
+from cornerforge.experiment.setting import experiment
 from cornerforge.library import CaseLibrary
-from cornerforge.pipeline.setting import experiment
 from cornerforge.rates.teaching import plan_of, tilted_plan_of
 from cornerforge.rates.trees import grow
 from cornerforge.sim import Plan, danger
@@ -195,7 +195,7 @@ def test_wrong_options_are_told(given: list[str], told: str, capsys: pytest.Capt
 
 
 def test_an_av_from_outside_stays_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cornerforge.pipeline.setting.is_spread", lambda: True)
+    monkeypatch.setattr("cornerforge.experiment.setting.is_spread", lambda: True)
     with pytest.raises(InputError, match="drives on this machine alone; leave out --engine ray"):
         cornerforge.simulate(tests=10, av="some_module:Planner")
 

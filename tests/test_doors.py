@@ -17,14 +17,14 @@ import pytest
 from learned_twin import TwinOfMany
 from sim.test_digests import random_policy
 
-import cornerforge.envs  # noqa: F401  registers the environments
-from cornerforge.adversary.policy_file import Policy
+import cornerforge.ext.gym  # noqa: F401  registers the environments
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, best_action, q_values
-from cornerforge.envs.batch import AvBatch, BvBatch
-from cornerforge.envs.vector import AdversaryVectorEnv, DrivingVectorEnv
+from cornerforge.experiment.policy_file import Policy
+from cornerforge.experiment.setting import Experiment, experiment
+from cornerforge.ext.gym.batch import AvBatch, BvBatch
+from cornerforge.ext.gym.vector import AdversaryVectorEnv, DrivingVectorEnv
 from cornerforge.library.harvester import Harvester
-from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.sim.drive_bv import Exploring, allocate_actors, collect, start_worlds
 from cornerforge.sim.keep import Outcomes, allocate_outcomes, keep_nothing, write_outcome
 from cornerforge.sim.observe import N_OBSERVATION
@@ -158,7 +158,7 @@ def test_worlds_of_an_agent_that_is_the_av(bvs: str) -> None:
 @pytest.fixture
 def budgeted(tmp_path: Path) -> Path:
     """A policy file with a likelihood budget."""
-    from cornerforge.adversary.policy_file import save_policy
+    from cornerforge.experiment.policy_file import save_policy
 
     path = tmp_path / "budgeted.safetensors"
     save_policy(policy(2, bounded=True, budget=6.0), path)

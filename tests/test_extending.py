@@ -126,8 +126,8 @@ from cornerforge import avs, simulate
 from cornerforge.adversary.config import preset_named
 from cornerforge.cli import main
 from cornerforge.metrics import mttc
-from cornerforge.pipeline.setting import experiment
-from cornerforge.pipeline.train import learn
+from cornerforge.experiment.setting import experiment
+from cornerforge.verbs.train import learn
 
 def help_of(command):
     said = io.StringIO()

@@ -19,11 +19,10 @@ from output_places import FOLDER, OUTPUTS, stand_ins
 from cornerforge._locks import claim_file, claim_folder, claims, lock_of
 from cornerforge.cli import main
 from cornerforge.errors import OutputError
-from cornerforge.explorer import Exhibit
-from cornerforge.explorer.notes import keep_note
+from cornerforge.ext.explorer import Exhibit, serve
+from cornerforge.ext.explorer.notes import keep_note
 from cornerforge.foreign.av_log import AvLog
-from cornerforge.pipeline import serve
-from cornerforge.pipeline.make_report import make_report
+from cornerforge.verbs.make_report import make_report
 
 pytestmark = pytest.mark.full
 

@@ -17,8 +17,8 @@ from avs_by_hand import AVS
 import cornerforge
 import cornerforge.pytest_plugin
 from cornerforge.drivers.rails import ACCELERATION, LANE, POSE_NUMBERS, SPEED, X, Y
-from cornerforge.interchange.case_file import Happened, of_moving
-from cornerforge.interchange.cases import MovingCase, straight_road
+from cornerforge.library.case_file import Happened, of_moving
+from cornerforge.library.out_case import MovingCase, straight_road
 
 pytestmark = pytest.mark.full
 

@@ -69,8 +69,8 @@ SMOKE: dict[str, set[str]] = {
 """Command lines and keys of their objects; one line at least for each verb."""
 ELSEWHERE = {
     "serve": "tests/explorer",
-    "reproduce": "tests/pipeline/test_reproduce.py",
-    "plausibility": "tests/pipeline",
+    "reproduce": "tests/paper/test_reproduce.py",
+    "plausibility": "tests/verbs",
     "check-av": "tests/foreign",
 }
 """Verbs that take long or need processes, and where they are tested."""
@@ -114,7 +114,7 @@ def test_a_verb_does_its_work(
     if line.startswith("report"):  # it writes an analysis beside, and a page within
         shutil.copytree(words["RUN"], tmp_path / "RUN")
         words = {**words, "RUN": "RUN"}
-    run = importlib.import_module("cornerforge.pipeline.run")
+    run = importlib.import_module("cornerforge.verbs.run")
     with small_trees(), patch.dict(run.EFFORTS, quick=run.Effort(**TINY_RUN)):
         status = main([*(words.get(word, word) for word in shlex.split(line)), "--json"])
     said = capsys.readouterr()

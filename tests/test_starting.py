@@ -26,7 +26,7 @@ def test_simulate_loads_what_drives_tests_and_no_more(tmp_path: Path) -> None:
     """Nothing slow of SciPy (0.4 s), nothing that reads libraries or trajectories, no results of other commands."""
     run = "from cornerforge.cli import main; assert main(['simulate', '--tests', '2', '--quiet']) == 0"
     loaded = loaded_by(run, tmp_path)
-    assert {"numba", "cornerforge.pipeline.simulate"} <= loaded
+    assert {"numba", "cornerforge.verbs.simulate"} <= loaded
     packages = {
         "torch",
         "scipy.linalg",
@@ -40,7 +40,14 @@ def test_simulate_loads_what_drives_tests_and_no_more(tmp_path: Path) -> None:
         "duckdb",
     }
     assert not packages & loaded
-    own = {"library", "ndd.fit", "ndd.readers", "results.whole", "results.retest", "pipeline.filling"}
+    own = {
+        "library",
+        "ext.calibrate.fit",
+        "ext.calibrate.readers",
+        "results.whole",
+        "results.retest",
+        "library.filling",
+    }
     assert not {f"cornerforge.{name}" for name in own} & loaded
 
 

@@ -12,8 +12,8 @@ import typer
 
 import cornerforge
 from cornerforge.cli import app
+from cornerforge.experiment.setting import experiment
 from cornerforge.foreign.process import DEFAULT_TIMEOUT
-from cornerforge.pipeline.setting import experiment
 from cornerforge.world_options import (
     AdversaryEnvKeywords,
     AvAloneKeywords,
@@ -67,7 +67,7 @@ def test_no_verb_declares_an_option_of_the_world_again(name: str) -> None:
 @pytest.mark.parametrize("module", ["single.{}Env", "vector.{}VectorEnv"])
 def test_no_environment_declares_an_option_of_the_world_again(name: str, keywords: Any, module: str) -> None:
     place, kind = module.format(name).split(".")
-    parameters = inspect.signature(getattr(importlib.import_module(f"cornerforge.envs.{place}"), kind)).parameters
+    parameters = inspect.signature(getattr(importlib.import_module(f"cornerforge.ext.gym.{place}"), kind)).parameters
     assert not NAMES & set(parameters)
     assert parameters["world"].annotation == f"Unpack[{keywords.__name__}]"
 

@@ -5,7 +5,7 @@ import { build, context } from "esbuild";
 import { cp, mkdir, readFile, rm, writeFile } from "node:fs/promises";
 import { PAGES, pageScript } from "./pages.mjs";
 
-const out = "../src/cornerforge/explorer/static";
+const out = "../src/cornerforge/ext/explorer/static";
 const options = {
   entryPoints: { explorer: "src/explorer/main.tsx" },
   outdir: out,

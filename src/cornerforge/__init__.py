@@ -12,35 +12,35 @@ from cornerforge._doors import door
 
 if TYPE_CHECKING:
     from cornerforge.execution import engine
-    from cornerforge.interchange.case_file import read_case_file, write_case_file
-    from cornerforge.paper.reproduce import reproduce
-    from cornerforge.pipeline.analyse import analyse
-    from cornerforge.pipeline.avs import avs
-    from cornerforge.pipeline.case_files import drive_case
-    from cornerforge.pipeline.cases import query, replay
-    from cornerforge.pipeline.check_av import check_av
-    from cornerforge.pipeline.export import export
-    from cornerforge.pipeline.figure import figure
-    from cornerforge.pipeline.from_data import cases_from_data
-    from cornerforge.pipeline.generate import generate
-    from cornerforge.pipeline.import_cases import import_cases
-    from cornerforge.pipeline.init import init
-    from cornerforge.pipeline.make_report import make_report
-    from cornerforge.pipeline.naturalistic import ndd_fit, ndd_import
-    from cornerforge.pipeline.plausibility import plausibility
-    from cornerforge.pipeline.r157 import r157
-    from cornerforge.pipeline.rate import rate
-    from cornerforge.pipeline.retest import retest
-    from cornerforge.pipeline.run import run
-    from cornerforge.pipeline.serve import serve
-    from cornerforge.pipeline.show import ndd_show
-    from cornerforge.pipeline.shrink import shrink
-    from cornerforge.pipeline.simulate import simulate
-    from cornerforge.pipeline.suite import suite_build
-    from cornerforge.pipeline.train import train
-    from cornerforge.pipeline.train_av import train_av
-    from cornerforge.pipeline.validate import ndd_validate
-    from cornerforge.pipeline.variety import variety
+    from cornerforge.ext.calibrate.naturalistic import ndd_fit, ndd_import
+    from cornerforge.ext.calibrate.show import ndd_show
+    from cornerforge.ext.calibrate.validating import ndd_validate
+    from cornerforge.ext.explorer.serve import serve
+    from cornerforge.ext.interchange.export import export
+    from cornerforge.ext.interchange.from_data import cases_from_data
+    from cornerforge.ext.interchange.import_cases import import_cases
+    from cornerforge.ext.paper.reproduce import reproduce
+    from cornerforge.ext.pictures.figure import figure
+    from cornerforge.ext.studies.plausibility import plausibility
+    from cornerforge.ext.studies.r157 import r157
+    from cornerforge.ext.studies.suite import suite_build
+    from cornerforge.ext.studies.variety import variety
+    from cornerforge.library.case_file import read_case_file, write_case_file
+    from cornerforge.verbs.analyse import analyse
+    from cornerforge.verbs.avs import avs
+    from cornerforge.verbs.cases import query, replay
+    from cornerforge.verbs.check_av import check_av
+    from cornerforge.verbs.drive_case import drive_case
+    from cornerforge.verbs.generate import generate
+    from cornerforge.verbs.init import init
+    from cornerforge.verbs.make_report import make_report
+    from cornerforge.verbs.rate import rate
+    from cornerforge.verbs.retest import retest
+    from cornerforge.verbs.run import run
+    from cornerforge.verbs.shrink import shrink
+    from cornerforge.verbs.simulate import simulate
+    from cornerforge.verbs.train import train
+    from cornerforge.verbs.train_av import train_av
 
 __all__ = [
     "__version__",
@@ -86,40 +86,40 @@ __version__ = "0.1.0"
 __getattr__ = door(
     "cornerforge",
     {
-        "analyse": "pipeline.analyse",
-        "avs": "pipeline.avs",
-        "cases_from_data": "pipeline.from_data",
-        "check_av": "pipeline.check_av",
-        "drive_case": "pipeline.case_files",
+        "analyse": "verbs.analyse",
+        "avs": "verbs.avs",
+        "cases_from_data": "ext.interchange.from_data",
+        "check_av": "verbs.check_av",
+        "drive_case": "verbs.drive_case",
         "engine": "execution",
-        "export": "pipeline.export",
-        "figure": "pipeline.figure",
-        "generate": "pipeline.generate",
-        "import_cases": "pipeline.import_cases",
-        "init": "pipeline.init",
-        "make_report": "pipeline.make_report",
-        "migrate": "pipeline.migrate",
-        "ndd_fit": "pipeline.naturalistic",
-        "ndd_import": "pipeline.naturalistic",
-        "ndd_show": "pipeline.show",
-        "ndd_validate": "pipeline.validate",
-        "plausibility": "pipeline.plausibility",
-        "query": "pipeline.cases",
-        "r157": "pipeline.r157",
-        "rate": "pipeline.rate",
-        "read_case_file": "interchange.case_file",
-        "replay": "pipeline.cases",
-        "reproduce": "paper.reproduce",
-        "retest": "pipeline.retest",
-        "run": "pipeline.run",
-        "serve": "pipeline.serve",
-        "shrink": "pipeline.shrink",
-        "simulate": "pipeline.simulate",
-        "suite_build": "pipeline.suite",
-        "train": "pipeline.train",
-        "train_av": "pipeline.train_av",
-        "variety": "pipeline.variety",
-        "verify": "pipeline.verify",
-        "write_case_file": "interchange.case_file",
+        "export": "ext.interchange.export",
+        "figure": "ext.pictures.figure",
+        "generate": "verbs.generate",
+        "import_cases": "ext.interchange.import_cases",
+        "init": "verbs.init",
+        "make_report": "verbs.make_report",
+        "migrate": "verbs.migrate",
+        "ndd_fit": "ext.calibrate.naturalistic",
+        "ndd_import": "ext.calibrate.naturalistic",
+        "ndd_show": "ext.calibrate.show",
+        "ndd_validate": "ext.calibrate.validating",
+        "plausibility": "ext.studies.plausibility",
+        "query": "verbs.cases",
+        "r157": "ext.studies.r157",
+        "rate": "verbs.rate",
+        "read_case_file": "library.case_file",
+        "replay": "verbs.cases",
+        "reproduce": "ext.paper.reproduce",
+        "retest": "verbs.retest",
+        "run": "verbs.run",
+        "serve": "ext.explorer.serve",
+        "shrink": "verbs.shrink",
+        "simulate": "verbs.simulate",
+        "suite_build": "ext.studies.suite",
+        "train": "verbs.train",
+        "train_av": "verbs.train_av",
+        "variety": "ext.studies.variety",
+        "verify": "verbs.verify",
+        "write_case_file": "library.case_file",
     },
 )

@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import pytest
 
-    from cornerforge.interchange.case_file import CaseFile
-    from cornerforge.pipeline.case_files import CaseDriver, DrivenCase
+    from cornerforge.library.case_file import CaseFile
+    from cornerforge.verbs.drive_case import CaseDriver, DrivenCase
 
 __all__ = ["MarkedCase", "pytest_configure", "pytest_generate_tests", "pytest_unconfigure"]
 
@@ -61,7 +61,7 @@ class MarkedCase:
 
     def read(self) -> CaseFile:
         """Read the file; the test fails if it is no case file, or something in it is wrong."""
-        from cornerforge.interchange.case_file import read_case_file
+        from cornerforge.library.case_file import read_case_file
 
         with _failing():
             return read_case_file(self.path)
@@ -79,7 +79,7 @@ class MarkedCase:
 
         from cornerforge.errors import InputError
         from cornerforge.foreign.loaders import from_folder, looking_in
-        from cornerforge.pipeline.case_files import check_count, driven_with
+        from cornerforge.verbs.drive_case import check_count, driven_with
 
         with _failing(), looking_in(self.folder):
             check_count(count)
@@ -146,7 +146,7 @@ def _failing() -> Iterator[None]:
 
 
 def _driver_of(spec: str, place: Path, models: Path, asked: dict[str, Any]) -> CaseDriver:
-    from cornerforge.pipeline.case_files import CaseDriver
+    from cornerforge.verbs.drive_case import CaseDriver
     from cornerforge.world_options import WorldOptions
 
     key = (spec, place, models, *sorted(asked.items()))
@@ -194,7 +194,7 @@ def _files(folder: Path, patterns: Sequence[Any]) -> list[Path] | str:
     """Find case files; or say what is wrong with the patterns."""
     if not patterns or not all(isinstance(pattern, str) and pattern for pattern in patterns):
         return 'name case files, such as "cases/*.json".'
-    from cornerforge.pipeline.output import IDENTITY
+    from cornerforge.experiment.output import IDENTITY
 
     found: set[Path] = set()
     for pattern in patterns:

@@ -37,7 +37,7 @@ REWARD_NAMES = ("crash", "striking", "avoidable", "preventable", "preventable-by
 
 @dataclass(frozen=True)
 class WorldOptions:
-    """The options for the world of a test, as the user gives them; `pipeline.setting.experiment` checks them.
+    """The options for the world of a test, as the user gives them; `experiment.setting.experiment` checks them.
 
     Attributes:
         av: The AV under test: a built-in name, a file that `train-av` made, or an AV from outside: `module:Class`,

@@ -25,7 +25,7 @@ from cornerforge.adversary.config import PRESETS, TrainConfig
 from cornerforge.adversary.learner import DqnLearner
 from cornerforge.adversary.train import CurvePoint, TrainResult, train_adversary
 from cornerforge.errors import FileFormatError, InputError, OutputError
-from cornerforge.pipeline.setting import Experiment, experiment
+from cornerforge.experiment.setting import Experiment, experiment
 
 Unbroken = Callable[[TrainConfig], TrainResult]
 
@@ -167,7 +167,7 @@ import sys, time
 from pathlib import Path
 from test_checkpoint import IDENTITY, TINY, go
 from cornerforge.adversary.checkpoint import CheckpointFile
-from cornerforge.pipeline.setting import experiment
+from cornerforge.experiment.setting import experiment
 
 def wait(point):
     print("point", flush=True)

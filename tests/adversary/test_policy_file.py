@@ -13,9 +13,9 @@ from safetensors import safe_open
 from safetensors.numpy import save
 
 from cornerforge._checksums import NoChecksumWarning
-from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, policy_numbers, save_policy
 from cornerforge.drivers.policy import NetworkShape, n_weights
 from cornerforge.errors import FileFormatError, OutputError
+from cornerforge.experiment.policy_file import Policy, load_policy, policy_hash, policy_numbers, save_policy
 from cornerforge.sim.observe import N_OBSERVATION
 
 SHAPE = NetworkShape(N_OBSERVATION, 2, 1, 8)

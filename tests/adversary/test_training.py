@@ -9,10 +9,10 @@ import pytest
 import torch
 
 from cornerforge.adversary.config import PRESETS, TrainConfig
-from cornerforge.adversary.policy_file import Policy
 from cornerforge.adversary.train import CurvePoint, TrainResult, train_adversary
 from cornerforge.errors import InputError
-from cornerforge.pipeline.setting import Experiment, experiment
+from cornerforge.experiment.policy_file import Policy
+from cornerforge.experiment.setting import Experiment, experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.sim.runner import simulate
 

@@ -20,9 +20,9 @@ from cornerforge.analysis.avoidability import (
     avoidability_table,
 )
 from cornerforge.errors import InputError
+from cornerforge.ext.pictures.avoidance_figure import avoidance_figure
 from cornerforge.library import CaseLibrary, case_record
-from cornerforge.ndd.drawing import png_of
-from cornerforge.report.avoidance_figure import avoidance_figure
+from cornerforge.report.drawing import png_of
 from cornerforge.types import Crash, Odd, Scenario
 
 FRAMES = 41

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cornerforge.analysis.suite import choose, clear_order, findings, leave_one_out, rank_agreement
 from cornerforge.errors import InputError
+from cornerforge.ext.studies.suite_choice import choose, clear_order, findings, leave_one_out, rank_agreement
 
 Crashes = NDArray[np.bool_]
 

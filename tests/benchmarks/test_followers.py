@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from followers import time_gap_behind
 
-from cornerforge.pipeline.setting import experiment
+from cornerforge.experiment.setting import experiment
 
 
 def test_the_nearest_one_behind_in_the_avs_lane_counts() -> None:

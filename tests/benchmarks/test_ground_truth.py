@@ -15,8 +15,8 @@ from edited_files import write_object
 import cornerforge
 from cornerforge._kernel_content import functions_reached
 from cornerforge.errors import FileFormatError, InputError
-from cornerforge.ndd.variations import Variation
-from cornerforge.pipeline.crashes import CrashStudy
+from cornerforge.ext.calibrate.variations import Variation
+from cornerforge.rates.crashes import CrashStudy
 from cornerforge.rates.exposure import BvTravel
 from cornerforge.rates.monte_carlo import Block, MonteCarlo
 from cornerforge.sim.drive import drive_range

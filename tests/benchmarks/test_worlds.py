@@ -8,7 +8,7 @@ from measuring import Series
 from scaling import Memory, Scaling, measure_memory
 from worlds import driven_seconds, mean_bvs, with_bvs, with_length
 
-from cornerforge.pipeline.setting import experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.sim.world import VEHICLE
 
 

@@ -14,11 +14,11 @@ from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
-from cornerforge.envs import ADVERSARY_ID, DRIVING_ID
-from cornerforge.envs.batch import FIRST_TEST
-from cornerforge.envs.single import AdversaryEnv, DrivingEnv
-from cornerforge.envs.vector import AdversaryVectorEnv, DrivingVectorEnv
 from cornerforge.errors import InputError, UnknownNameError
+from cornerforge.ext.gym import ADVERSARY_ID, DRIVING_ID
+from cornerforge.ext.gym.batch import FIRST_TEST
+from cornerforge.ext.gym.single import AdversaryEnv, DrivingEnv
+from cornerforge.ext.gym.vector import AdversaryVectorEnv, DrivingVectorEnv
 
 KINDS: list[tuple[str, dict[str, Any]]] = [
     (ADVERSARY_ID, {}),
@@ -327,10 +327,10 @@ def test_an_option_of_another_world_is_refused(kind: Any, option: str) -> None:
 @pytest.mark.full
 def test_registering_is_light_and_repeatable(tmp_path: Path) -> None:
     code = (
-        "import importlib, sys, gymnasium, cornerforge.envs as e; importlib.reload(e)\n"
+        "import importlib, sys, gymnasium, cornerforge.ext.gym as e; importlib.reload(e)\n"
         "assert gymnasium.spec(e.ADVERSARY_ID).vector_entry_point\n"
         "print('numba' in sys.modules)\n"
-        "env = gymnasium.make('cornerforge.envs:cornerforge/Driving-v0'); env.reset(seed=1)\n"
+        "env = gymnasium.make('cornerforge.ext.gym:cornerforge/Driving-v0'); env.reset(seed=1)\n"
         "print(env.step(22)[0].shape)"
     )
     done = subprocess.run(

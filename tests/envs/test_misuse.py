@@ -14,10 +14,10 @@ import pytest
 from gymnasium.error import ClosedEnvironmentError, InvalidAction, ResetNeeded
 from gymnasium.utils.env_checker import data_equivalence
 
-from cornerforge.envs import ADVERSARY_ID, DRIVING_ID
-from cornerforge.envs.single import AdversaryEnv, DrivingEnv
-from cornerforge.envs.vector import AdversaryVectorEnv, DrivingVectorEnv
 from cornerforge.errors import CornerForgeError, InputError
+from cornerforge.ext.gym import ADVERSARY_ID, DRIVING_ID
+from cornerforge.ext.gym.single import AdversaryEnv, DrivingEnv
+from cornerforge.ext.gym.vector import AdversaryVectorEnv, DrivingVectorEnv
 
 MAKERS: dict[str, Callable[..., Any]] = {
     "adversary": AdversaryEnv,

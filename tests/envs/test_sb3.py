@@ -16,11 +16,11 @@ from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.env_checker import check_env
 
 from cornerforge import simulate
-from cornerforge.adversary.policy_file import load_policy, policy_numbers, save_policy
 from cornerforge.drivers.policy import allocate_scratch, q_values
-from cornerforge.envs import ADVERSARY_ID, DRIVING_ID
 from cornerforge.envs.sb3 import policy_of_sb3
 from cornerforge.errors import InputError
+from cornerforge.experiment.policy_file import load_policy, policy_numbers, save_policy
+from cornerforge.ext.gym import ADVERSARY_ID, DRIVING_ID
 from cornerforge.sim.observe import N_OBSERVATION
 
 

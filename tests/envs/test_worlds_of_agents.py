@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from cornerforge.adversary.train import TRAINING_TESTS
-from cornerforge.envs.batch import FIRST_TEST, AvBatch, BvBatch
-from cornerforge.envs.runs import adversary_batch, driving_batch
-from cornerforge.envs.spaces import av_commands
+from cornerforge.adversary.verdicts import judge_by_case
 from cornerforge.errors import InputError
-from cornerforge.pipeline.setting import Experiment, experiment
-from cornerforge.pipeline.verdicts import judge_by_case
+from cornerforge.experiment.setting import Experiment, experiment
+from cornerforge.ext.gym.batch import FIRST_TEST, AvBatch, BvBatch
+from cornerforge.ext.gym.runs import adversary_batch, driving_batch
+from cornerforge.ext.gym.spaces import av_commands
 from cornerforge.sim.actions import ordered_lane
 from cornerforge.sim.adversaries import choose_action
 from cornerforge.sim.agents import substitute_action

@@ -18,11 +18,11 @@ from urllib.request import Request, urlopen
 import pytest
 
 import cornerforge
-from cornerforge.explorer import Exhibit
+from cornerforge.experiment.setting import experiment
+from cornerforge.ext.explorer import Exhibit
+from cornerforge.ext.explorer import serve as verb
 from cornerforge.library import CaseLibrary
 from cornerforge.library.shards import encode_tables
-from cornerforge.pipeline import serve as verb
-from cornerforge.pipeline.setting import experiment
 from cornerforge.world_options import WorldOptions
 
 CANARY = "canary-7f1c: no answer may hold this"
@@ -37,7 +37,7 @@ class Brakes:
 
 WITH_A_PAGE = """
 import sys
-from cornerforge.explorer import server
+from cornerforge.ext.explorer import server
 server.read_page = lambda: {"index.html": b"<!DOCTYPE html><title>page</title>", "explorer.js": b"1;\\n"}
 from cornerforge.cli import main
 sys.exit(main(sys.argv[1:]))

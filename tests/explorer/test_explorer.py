@@ -24,17 +24,17 @@ from PIL import Image
 
 from cornerforge.analysis.first_case import PREVENTION
 from cornerforge.errors import FileFormatError, InputError
-from cornerforge.explorer import Analysis, Exhibit
-from cornerforge.explorer.notes import keep_note, notes_file, read_notes
-from cornerforge.explorer.start import cards, headline_of
-from cornerforge.interchange.case_file import read_case_file
+from cornerforge.ext.explorer import Analysis, Exhibit
+from cornerforge.ext.explorer import serve as verb
+from cornerforge.ext.explorer.notes import keep_note, notes_file, read_notes
+from cornerforge.ext.explorer.start import cards, headline_of
 from cornerforge.library import CaseLibrary
-from cornerforge.pipeline import serve as verb
-from cornerforge.pipeline.case_files import drive_case
+from cornerforge.library.case_file import read_case_file
 from cornerforge.rates import weighted_interval
 from cornerforge.report.cases import case_data
 from cornerforge.report.judged import read_case_judgements
 from cornerforge.report.verdict import verdict
+from cornerforge.verbs.drive_case import drive_case
 
 pytestmark = pytest.mark.full
 
@@ -64,7 +64,7 @@ def test_a_case_that_is_read_while_an_analysis_arrives(
         exhibit.analysed("natural", analysis)
         return case_data(*given)
 
-    monkeypatch.setattr("cornerforge.explorer.exhibit.case_data", slowly)
+    monkeypatch.setattr("cornerforge.ext.explorer.exhibit.case_data", slowly)
     assert exhibit.case("natural", case) == before
     monkeypatch.undo()
     assert len(exhibit.case("natural", case)["facts"]) > len(before["facts"])
@@ -80,7 +80,7 @@ def test_what_is_told_at_once_is_of_one_time(bare: tuple[Exhibit, Analysis], mon
         exhibit.analysed("natural", analysis)
         return headline_of(sources)
 
-    monkeypatch.setattr("cornerforge.explorer.exhibit.headline_of", slowly)
+    monkeypatch.setattr("cornerforge.ext.explorer.exhibit.headline_of", slowly)
     assert exhibit.about() == before
     monkeypatch.undo()
     after = exhibit.about()

@@ -15,8 +15,8 @@ from explorer.conftest import BRAKES, asked, started, stopped
 
 from cornerforge.cli import main
 from cornerforge.errors import InputError
-from cornerforge.explorer import Exhibit
-from cornerforge.pipeline import serve as verb
+from cornerforge.ext.explorer import Exhibit
+from cornerforge.ext.explorer import serve as verb
 
 pytestmark = pytest.mark.full
 
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.full
 def test_a_page_that_is_not_built_is_one_line(
     place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cornerforge.explorer.server.read_page", dict)
+    monkeypatch.setattr("cornerforge.ext.explorer.server.read_page", dict)
     assert main(["serve", str(place), "--port", "0"]) == 2
     assert capsys.readouterr().err == "cornerforge: The explorer's page is not built here; build it with: make web\n"
 
@@ -65,7 +65,7 @@ def test_an_analysis_that_fails_is_said_on_the_page(
     def fail(*_: Any, **__: Any) -> None:
         raise fault
 
-    monkeypatch.setattr("cornerforge.pipeline.analyse.analyse", fail)
+    monkeypatch.setattr("cornerforge.verbs.analyse.analyse", fail)
     monkeypatch.setattr(verb, "_warm_up", lambda *_: warmed.append("yes"))
     monkeypatch.setattr(verb, "_IDLE_S", 0.0)
     verb._behind(exhibit, found, None, threading.Event())

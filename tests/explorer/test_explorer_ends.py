@@ -12,7 +12,7 @@ from urllib.error import HTTPError
 import pytest
 from explorer.conftest import Running, asked, get, sent, started, stopped
 
-from cornerforge.explorer.room import MOST, Room, UnavailableError
+from cornerforge.ext.explorer.room import MOST, Room, UnavailableError
 
 pytestmark = pytest.mark.full
 

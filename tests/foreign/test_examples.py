@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import cornerforge
-from cornerforge.pipeline.setting import experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.sim import STEERED
 
 pytestmark = pytest.mark.full

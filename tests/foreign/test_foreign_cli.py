@@ -15,12 +15,12 @@ from stage_lines import without_stages
 
 from cornerforge.cli import main
 from cornerforge.cli.output import compiling_text
+from cornerforge.experiment import forecast
 from cornerforge.foreign.process import AvProcess
-from cornerforge.pipeline import forecast
 
 pytestmark = [pytest.mark.full, pytest.mark.usefixtures("in_memory")]
 
-check_av = importlib.import_module("cornerforge.pipeline.check_av")  # the package has a verb of that name
+check_av = importlib.import_module("cornerforge.verbs.check_av")  # the package has a verb of that name
 
 Capture = pytest.CaptureFixture[str]
 EXAMPLE = Path(__file__).parents[2] / "examples" / "my_av.py"

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from cornerforge.errors import AvFaultError, InputError
+from cornerforge.experiment.setting import Experiment, experiment
 from cornerforge.foreign.driver import ForeignAv, seeds_of
 from cornerforge.foreign.recorder import ForeignRecorder
-from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.sim.keep import Outcomes
 from cornerforge.sim.recorder import scenario_digest
 from cornerforge.sim.runner import simulate

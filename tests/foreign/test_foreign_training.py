@@ -15,25 +15,25 @@ import numpy as np
 import pytest
 
 import cornerforge
-import cornerforge.envs
+import cornerforge.ext.gym
 from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import PRESETS, TrainConfig
-from cornerforge.adversary.policy_file import load_policy
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.train import TRAINING_TESTS, CurvePoint, TrainResult, train_adversary
+from cornerforge.adversary.verdicts import verdict_of
 from cornerforge.cli import main
 from cornerforge.errors import AvFaultError, OutputError
+from cornerforge.experiment.policy_file import load_policy
+from cornerforge.experiment.setting import Experiment, experiment
 from cornerforge.foreign.collector import ForeignCollector, Group
 from cornerforge.foreign.driver import MAX_FAULTS, Fault, ForeignAv, seeds_of
-from cornerforge.pipeline.setting import Experiment, experiment
-from cornerforge.pipeline.train import evaluate
-from cornerforge.pipeline.verdicts import verdict_of
 from cornerforge.results.rates import Yield
 from cornerforge.sim import N_OBSERVATION, OUTSIDE, TOLD, Exploring, allocate_actors, reward_numbers, start_worlds
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import UNIFORM
 from cornerforge.sim.world import VEHICLE
 from cornerforge.types import Odd
+from cornerforge.verbs.train import evaluate
 
 pytestmark = [pytest.mark.full, pytest.mark.usefixtures("in_memory")]
 
@@ -303,7 +303,7 @@ def test_train_takes_it_and_says_what_it_spoiled(rarely: str, capsys: pytest.Cap
 
 @pytest.mark.usefixtures("avs")
 def test_the_whole_job_ends_in_a_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    efforts = importlib.import_module("cornerforge.pipeline.run").EFFORTS
+    efforts = importlib.import_module("cornerforge.verbs.run").EFFORTS
     tiny = replace(
         efforts["quick"], nde_tests=300, natural_tests=300, decisions=20_000, evaluation_tests=100, exposure_tests=60,
         cases=12,
@@ -322,7 +322,7 @@ def test_the_whole_job_ends_in_a_page(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("twins")
 def test_plausibility_and_variety_take_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    module = importlib.import_module("cornerforge.pipeline.plausibility")
+    module = importlib.import_module("cornerforge.ext.studies.plausibility")
     monkeypatch.setattr(module, "_NATURAL_TESTS", 10)
     small: dict[str, Any] = {"budgets": (5.0,), "seeds": 1, "decisions": 600, "tests": 60}
     found = cornerforge.plausibility(out="foreign", av="twins:Twin", **small)

@@ -9,11 +9,11 @@ import pytest
 from hand_built import setting_of
 
 from cornerforge.errors import AvFaultError, InputError
+from cornerforge.experiment.av_file import av_of
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.recorder import ForeignRecorder
 from cornerforge.foreign.trees import ForeignGrower
 from cornerforge.ndd.model import NddModel
-from cornerforge.pipeline.av_file import av_of
 from cornerforge.rates.trees import Grown, grow
 from cornerforge.sim import OUTSIDE, STEERED, Script, ScriptDriver, Setting, n_slots, simulate
 from cornerforge.sim.danger import N_SEEN, WIDTH, Network

@@ -17,12 +17,12 @@ import pytest
 import cornerforge
 from cornerforge.errors import CornerForgeError
 from cornerforge.library import CaseLibrary
-from cornerforge.pipeline.stages import Stages
 from cornerforge.results import RunDone, as_json
+from cornerforge.verbs.stages import Stages
 
 pytestmark = [pytest.mark.full, pytest.mark.usefixtures("in_memory")]
 
-spend = importlib.import_module("cornerforge.pipeline.spend")
+spend = importlib.import_module("cornerforge.verbs.spend")
 EXAMPLE = Path(__file__).parents[2] / "examples" / "my_av.py"
 HOURS = 0.003
 

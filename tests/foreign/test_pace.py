@@ -16,12 +16,12 @@ import pytest
 
 import cornerforge
 from cornerforge.errors import InputError
+from cornerforge.experiment.counting import simulate_experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.pace import Pace, announce, announced, choose_batch
 from cornerforge.foreign.process import AvProcess
 from cornerforge.foreign.session import context_of
-from cornerforge.pipeline.counting import simulate_experiment
-from cornerforge.pipeline.setting import experiment
 from cornerforge.sim.keep import Outcomes
 from cornerforge.types import Odd
 

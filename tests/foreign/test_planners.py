@@ -10,8 +10,8 @@ import pytest
 
 import cornerforge
 from cornerforge.errors import InputError
+from cornerforge.experiment.setting import experiment
 from cornerforge.foreign.driver import ForeignAv
-from cornerforge.pipeline.setting import experiment
 from cornerforge.sim import STEERED, simulate
 from cornerforge.types import Odd
 

@@ -10,9 +10,9 @@ import pytest
 
 import cornerforge
 from cornerforge.errors import InputError
+from cornerforge.experiment.setting import experiment
 from cornerforge.foreign.drivers import UnusableError
 from cornerforge.foreign.policies import PolicyDriver, answers_of_predicted
-from cornerforge.pipeline.setting import experiment
 from cornerforge.sim import simulate
 from cornerforge.types import ACTION_ACCELERATIONS, ACTION_SIDES, N_ACTIONS
 
@@ -168,7 +168,7 @@ def test_check_av_knows_it() -> None:
 
 def test_actions_are_those_of_the_environment() -> None:
     spaces = pytest.importorskip("gymnasium.spaces")
-    from cornerforge.envs.spaces import av_commands
+    from cornerforge.ext.gym.spaces import av_commands
 
     index = np.arange(N_ACTIONS)
     np.testing.assert_array_equal(answers_of_predicted(index, N_ACTIONS), np.stack(av_commands(index, box=False), 1))
@@ -186,7 +186,7 @@ def test_a_policy_of_stable_baselines3_is_asked_in_blocks() -> None:
     sb3 = pytest.importorskip("stable_baselines3")
     import gymnasium
 
-    import cornerforge.envs as envs
+    import cornerforge.ext.gym as envs
 
     model = sb3.PPO("MlpPolicy", gymnasium.make(envs.DRIVING_ID), device="cpu", seed=1)
     driver = PolicyDriver(model)

@@ -17,10 +17,10 @@ import pytest
 
 import cornerforge
 from cornerforge.errors import AvFaultError, InputError
+from cornerforge.experiment.setting import experiment
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.process import AvProcess
 from cornerforge.foreign.session import context_of
-from cornerforge.pipeline.setting import experiment
 from cornerforge.sim import simulate
 from cornerforge.types import Odd
 

@@ -115,7 +115,7 @@ def _model() -> Answer:
 
 
 def _policy() -> Answer:
-    from cornerforge.adversary.policy_file import load_policy, policy_hash
+    from cornerforge.experiment.policy_file import load_policy, policy_hash
 
     policy = load_policy(Path("p.safetensors"))
     return [policy_hash(policy), dict(policy.about)]
@@ -123,7 +123,7 @@ def _policy() -> Answer:
 
 def _av() -> Answer:
     from cornerforge.drivers.avs import av_hash
-    from cornerforge.pipeline.av_file import load_av
+    from cornerforge.experiment.av_file import load_av
 
     return av_hash(load_av(Path("a.safetensors")))
 
@@ -167,7 +167,7 @@ def _library(folder: str = "lib") -> Callable[[], Answer]:
 
 def _decisions(*names: str, layout: str | None = None) -> Callable[[], Answer]:
     def read() -> Answer:
-        from cornerforge.ndd.readers import read_decisions
+        from cornerforge.ext.calibrate.readers import read_decisions
 
         found = read_decisions([Path(name) for name in names], layout)
         return [[_digest(*vars(r.decisions).values()), repr(r.bad), r.rows_read, r.notes] for r in found]
@@ -177,7 +177,7 @@ def _decisions(*names: str, layout: str | None = None) -> Callable[[], Answer]:
 
 def _traffic(*names: str) -> Callable[[], Answer]:
     def read() -> Answer:
-        from cornerforge.interchange.recorded_traffic import read_traffic
+        from cornerforge.ext.interchange.recorded_traffic import read_traffic
 
         return _digest(repr(read_traffic([Path(name) for name in names])))
 
@@ -189,7 +189,8 @@ def _moving(reader: str, name: str) -> Callable[[], Answer]:
         import importlib
 
         read_one = getattr(
-            importlib.import_module(f"cornerforge.interchange.{reader}"), reader if reader != "tables" else "read_table"
+            importlib.import_module(f"cornerforge.ext.interchange.{reader}"),
+            reader if reader != "tables" else "read_table",
         )
         case = read_one(Path(name))
         return _digest(*(repr(v) if not isinstance(v, np.ndarray) else v for v in vars(case).values()))
@@ -199,7 +200,7 @@ def _moving(reader: str, name: str) -> Callable[[], Answer]:
 
 def _read_case() -> Answer:
     from cornerforge import read_case_file
-    from cornerforge.interchange.case_file import case_text
+    from cornerforge.library.case_file import case_text
 
     return case_text(read_case_file("imported/cases/cut_in.json"))
 
@@ -222,9 +223,9 @@ def _exhibit(place: str) -> Callable[[], Answer]:
     def read() -> Answer:
         import importlib
 
-        verb = importlib.import_module("cornerforge.pipeline.serve")
+        verb = importlib.import_module("cornerforge.ext.explorer.serve")
         from cornerforge._files import real_path
-        from cornerforge.explorer import Exhibit
+        from cornerforge.ext.explorer import Exhibit
 
         given = real_path(Path(place))
         found = verb._sources(given)

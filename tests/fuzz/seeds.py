@@ -20,11 +20,11 @@ from small_trees import small_trees
 
 import cornerforge
 from cornerforge.adversary.checkpoint import CheckpointFile
-from cornerforge.adversary.policy_file import Policy, save_policy
 from cornerforge.drivers.policy import NetworkShape, n_weights
+from cornerforge.experiment.av_file import rl_av_path
+from cornerforge.experiment.policy_file import Policy, save_policy
 from cornerforge.library import CaseLibrary
 from cornerforge.ndd.model import default_model_path, load_model
-from cornerforge.pipeline.av_file import rl_av_path
 from cornerforge.sim import N_OBSERVATION
 
 __all__ = ["SEEDS", "TINY_RUN", "seed_folder"]
@@ -115,7 +115,7 @@ def _trees(_: Path) -> None:
 
 @_seed("run")
 def _run(_: Path) -> None:
-    run = importlib.import_module("cornerforge.pipeline.run")
+    run = importlib.import_module("cornerforge.verbs.run")
     with patch.dict(run.EFFORTS, quick=run.Effort(**TINY_RUN)):
         cornerforge.run(effort="quick", out="run", seed=2, threads=1, av="flawed-not-behind")
 
@@ -161,7 +161,7 @@ def _tracks(_: Path) -> None:
 
 @_seed("ivbss")
 def _ivbss(_: Path) -> None:
-    test = importlib.import_module("ndd.test_ndd_ivbss")
+    test = importlib.import_module("calibrate.test_ndd_ivbss")
     test.exported(load_model(default_model_path()), Path("NDD_DATA"))
 
 
@@ -252,7 +252,7 @@ def _nothing(_: Path) -> None:
 
 @_seed("snapshot")
 def _snapshot(_: Path) -> None:
-    from cornerforge.pipeline.setting import experiment
+    from cornerforge.experiment.setting import experiment
     from cornerforge.sim.snapshot import packed
     from cornerforge.sim.traffic import reset_world
     from cornerforge.sim.world import allocate_worlds, n_slots, world_of

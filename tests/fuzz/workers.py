@@ -33,7 +33,7 @@ def _small() -> Iterator[None]:
     from fuzz.seeds import TINY_RUN
     from small_trees import small_trees
 
-    run = importlib.import_module("cornerforge.pipeline.run")
+    run = importlib.import_module("cornerforge.verbs.run")
     with patch.dict(run.EFFORTS, quick=run.Effort(**TINY_RUN)), small_trees():
         yield
 

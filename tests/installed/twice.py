@@ -48,7 +48,7 @@ def build_again(source: Path, folder: Path) -> Path:
     root = copy_of_checkout(source, folder / "copy")
     otherwise = {**os.environ, **OTHERWISE, "PIP_CONSTRAINT": str(root / "constraints.txt")}
     shutil.copytree(ROOT / "web/node_modules", root / "web/node_modules", symlinks=True, copy_function=os.link)
-    shutil.rmtree(root / "src/cornerforge/explorer/static")
+    shutil.rmtree(root / "src/cornerforge/ext/explorer/static")
     for command, place in (
         (["node", "build.mjs"], root / "web"),
         ([sys.executable, "-m", "build", "--outdir", str(folder / "dist"), str(root)], folder),

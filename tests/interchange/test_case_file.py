@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cornerforge.drivers.rails import ACCELERATION, LANE, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.errors import FileFormatError, InputError, OutputError
-from cornerforge.interchange.case_file import (
+from cornerforge.library.case_file import (
     CaseFile,
     Happened,
     case_schema,
@@ -26,7 +26,7 @@ from cornerforge.interchange.case_file import (
     read_case_file,
     write_case_file,
 )
-from cornerforge.interchange.cases import Fact, MovingCase, straight_road
+from cornerforge.library.out_case import Fact, MovingCase, straight_road
 from cornerforge.sim import START_FIELDS, Script, n_slots, scripted_start
 from cornerforge.types import CLASSES, MAX_LANES, N_ACTIONS, Odd
 
@@ -114,7 +114,7 @@ def test_what_is_written_comes_back_as_the_same_bits(make: Callable[[], CaseFile
 def test_any_start_comes_back(seed: int) -> None:
     case = acting_case(seed)
     text = case_text(case)
-    from cornerforge.interchange.case_file import _case_of  # the file itself is tested above
+    from cornerforge.library.case_file import _case_of  # the file itself is tested above
 
     assert_same(case, _case_of(json.loads(text)))
 
@@ -241,7 +241,7 @@ def test_more_vehicles_than_the_road_has_room_for(tmp_path: Path) -> None:
 @pytest.mark.full
 def test_our_checks_and_a_validator_made_by_others_agree() -> None:
     """All single changes of type and range that the schema forbids, here a sample of each place, are found by both."""
-    from cornerforge.interchange._schema_check import wrong
+    from cornerforge.library._schema_check import wrong
 
     validator = jsonschema.Draft202012Validator(case_schema())
     rng = np.random.default_rng(3)
@@ -303,7 +303,7 @@ def test_half_a_file_bytes_and_no_file(tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_too_large_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cornerforge.interchange.case_file.MOST_BYTES", 1_000_000)
+    monkeypatch.setattr("cornerforge.library.case_file.MOST_BYTES", 1_000_000)
     path = tmp_path / "case.json"
     path.write_bytes(b" " * 1_000_001)
     with pytest.raises(FileFormatError, match="more than 1 MB"):

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from cornerforge.drivers.rails import ACCELERATION, LANE, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.errors import InputError
-from cornerforge.interchange.case_file import case_schema, case_text, of_moving
-from cornerforge.interchange.cases import NAME_PATTERN, MovingCase, check_name, safe_name, script_of, straight_road
-from cornerforge.pipeline.setting import RECORDED_AV, experiment
+from cornerforge.experiment.setting import RECORDED_AV, experiment
+from cornerforge.library.case_file import case_schema, case_text, of_moving
+from cornerforge.library.out_case import NAME_PATTERN, MovingCase, check_name, safe_name, script_of, straight_road
 
 
 def braking_leader(frames: int = 58) -> MovingCase:

@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, SPEED, X, Y
 from cornerforge.errors import CornerForgeError, DataError, FileFormatError, InputError
-from cornerforge.interchange.cases import Fact, MovingCase, OutCase, script_of
-from cornerforge.interchange.commonroad import write_commonroad
-from cornerforge.interchange.read_commonroad import read_commonroad
-from cornerforge.pipeline.setting import RECORDED_AV, experiment
+from cornerforge.experiment.setting import RECORDED_AV, experiment
+from cornerforge.ext.interchange.commonroad import write_commonroad
+from cornerforge.ext.interchange.read_commonroad import read_commonroad
+from cornerforge.library.out_case import Fact, MovingCase, OutCase, script_of
 from cornerforge.types import Scenario
 
 SIX_DECIMALS = 6e-7

@@ -14,8 +14,8 @@ from recorded_files import LANE_WIDTH, US101, Track, braking, clips_file, motorw
 
 from cornerforge.drivers.rails import LANE, LATERAL_SPEED, SPEED, X, Y
 from cornerforge.errors import DataError, InputError
-from cornerforge.interchange.moments import MEASURES, Moments, critical_moments
-from cornerforge.interchange.recorded_traffic import read_traffic
+from cornerforge.ext.interchange.moments import MEASURES, Moments, critical_moments
+from cornerforge.ext.interchange.recorded_traffic import read_traffic
 
 needs_us101 = pytest.mark.skipif(not US101.exists(), reason="NGSIM's clips are not at hand")
 

@@ -12,11 +12,11 @@ from openscenario_read_back import real_crashes
 from reference.openscenario import as_in_file
 
 from cornerforge.drivers.rails import HEADING, LANE, SPEED, X, Y
+from cornerforge.experiment.setting import RECORDED_AV, experiment
+from cornerforge.ext.interchange.openscenario import VERSIONS, write_openscenario
+from cornerforge.ext.interchange.read_openscenario import read_openscenario
 from cornerforge.geometry import Box, boxes_overlap
-from cornerforge.interchange.cases import MovingCase, OutCase, script_of
-from cornerforge.interchange.openscenario import VERSIONS, write_openscenario
-from cornerforge.interchange.read_openscenario import read_openscenario
-from cornerforge.pipeline.setting import RECORDED_AV, experiment
+from cornerforge.library.out_case import MovingCase, OutCase, script_of
 from cornerforge.types import ODDS, Scenario
 
 SOME = 10

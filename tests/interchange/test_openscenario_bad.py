@@ -26,9 +26,9 @@ from reference.openscenario import (
 
 from cornerforge.drivers.rails import SPEED, X, Y
 from cornerforge.errors import CornerForgeError, DataError, FileFormatError, InputError
-from cornerforge.interchange import xosc_storyboard
-from cornerforge.interchange.read_opendrive import read_opendrive
-from cornerforge.interchange.read_openscenario import read_openscenario
+from cornerforge.ext.interchange import xosc_storyboard
+from cornerforge.ext.interchange.read_opendrive import read_opendrive
+from cornerforge.ext.interchange.read_openscenario import read_openscenario
 
 DATA = Path(__file__).parent / "data"
 

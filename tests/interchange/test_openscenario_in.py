@@ -31,8 +31,8 @@ from reference.openscenario import (
 
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, SPEED, X, Y
 from cornerforge.errors import InputError, UnknownNameError
-from cornerforge.interchange.cases import MovingCase, script_of
-from cornerforge.interchange.read_openscenario import read_openscenario
+from cornerforge.ext.interchange.read_openscenario import read_openscenario
+from cornerforge.library.out_case import MovingCase, script_of
 
 DATA = Path(__file__).parent / "data"
 

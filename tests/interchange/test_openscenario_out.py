@@ -14,9 +14,9 @@ from crashes_by_hand import LEFT, MIDDLE, RIGHT, Car, Turn, crash, mirrored
 from openscenario_read_back import contact_frame, crash_of, entities_of, real_crashes, times_over, tracks_of
 
 from cornerforge.errors import InputError, OutputError, UnknownNameError
-from cornerforge.interchange.cases import OutCase
-from cornerforge.interchange.opendrive import lane_id, write_road
-from cornerforge.interchange.openscenario import MODES, VERSIONS, write_openscenario
+from cornerforge.ext.interchange.opendrive import lane_id, write_road
+from cornerforge.ext.interchange.openscenario import MODES, VERSIONS, write_openscenario
+from cornerforge.library.out_case import OutCase
 from cornerforge.types import MOTORCYCLE, ODDS, TRUCK, Crash, Odd, Scenario
 
 CUT_IN = crash(

@@ -26,7 +26,7 @@ from recorded_files import (
 )
 
 from cornerforge.errors import DataError
-from cornerforge.interchange.recorded_traffic import Traffic, read_traffic
+from cornerforge.ext.interchange.recorded_traffic import Traffic, read_traffic
 from cornerforge.types import CAR, MOTORCYCLE, TRUCK
 
 needs_us101 = pytest.mark.skipif(not US101.exists(), reason="NGSIM's clips are not at hand")

@@ -12,8 +12,8 @@ import pytest
 from crashes_by_hand import LEFT, MIDDLE, RIGHT, Car, Turn, crash
 
 from cornerforge.errors import MissingExtraError, OutputError
-from cornerforge.interchange.cases import OutCase
-from cornerforge.interchange.rerun_file import write_rerun
+from cornerforge.ext.interchange.rerun_file import write_rerun
+from cornerforge.library.out_case import OutCase
 from cornerforge.types import Scenario
 
 HAS_RERUN = importlib.util.find_spec("rerun") is not None

@@ -18,9 +18,9 @@ from hypothesis import strategies as st
 
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, SPEED, X, Y
 from cornerforge.errors import CornerForgeError, DataError, FileFormatError, InputError
-from cornerforge.interchange.cases import Fact, OutCase, script_of
-from cornerforge.interchange.tables import COLUMNS, read_table, write_table
-from cornerforge.pipeline.setting import RECORDED_AV, experiment
+from cornerforge.experiment.setting import RECORDED_AV, experiment
+from cornerforge.ext.interchange.tables import COLUMNS, read_table, write_table
+from cornerforge.library.out_case import Fact, OutCase, script_of
 from cornerforge.types import Scenario
 
 FACTS: dict[str, Fact] = {"av": 'the "old" one; yes', "rate_per_mile": 1.5e-7, "judge": None, "found": True}

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from cornerforge.errors import CornerForgeError, DataError, FileFormatError, InputError
-from cornerforge.interchange import xml_input
-from cornerforge.interchange.xml_input import Element, read_xml
+from cornerforge.ext.interchange import xml_input
+from cornerforge.ext.interchange.xml_input import Element, read_xml
 
 BOMB = """<?xml version="1.0"?>
 <!DOCTYPE a [<!ENTITY b "bang"><!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;">]>

@@ -110,13 +110,14 @@ def make_small() -> None:
     checkpoint._WRITING_SHARE = 0
     for name, value in import_module("small_trees").SMALL["rates.teaching"].items():
         setattr(import_module("cornerforge.rates.teaching"), name, value)
-    rate, plain, splitting = (import_module(f"cornerforge.pipeline.{name}") for name in ("rate", "plain", "splitting"))
+    places = ("verbs.rate", "rates.plain", "rates.splitting")
+    rate, plain, splitting = (import_module(f"cornerforge.{name}") for name in places)
     plain._BLOCK, plain._STORE_SECONDS, plain._SHARD_CASES = 1_000, 0.2, 20  # type: ignore[attr-defined]
     rate.PLAIN_TESTS = 2_000  # type: ignore[attr-defined]
     rate.TREES = splitting.TREES = 1_000  # type: ignore[attr-defined]
-    filling = import_module("cornerforge.pipeline.filling")
+    filling = import_module("cornerforge.library.filling")
     filling._SHARD_CASES, filling._COMMIT_SECONDS = 40, 0.05  # type: ignore[attr-defined]
-    run, reproduce = import_module("cornerforge.pipeline.run"), import_module("cornerforge.paper.bench")
+    run, reproduce = import_module("cornerforge.verbs.run"), import_module("cornerforge.ext.paper.bench")
     run.EFFORTS["quick"] = run.Effort(
         nde_tests=2_000, natural_tests=3_000, natural_rhw=0.3, decisions=6_144, evaluation_tests=64, exposure_tests=64,
         cases=60,

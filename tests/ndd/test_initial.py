@@ -16,10 +16,10 @@ import pytest
 from cornerforge._checksums import read_arrays, write_arrays
 from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.errors import FileFormatError
+from cornerforge.experiment.setting import experiment
 from cornerforge.ndd.initial import LEAST_ACCEPTED, InitialState, accepted_share, check_initial
 from cornerforge.ndd.memory import Memory
 from cornerforge.ndd.model import NddModel, default_model_path, load_model
-from cornerforge.pipeline.setting import experiment
 from cornerforge.sim import allocate_worlds, reset_world, simulate, world_of
 
 HOSTILE = (math.nan, math.inf, 0, 1e-308, 10**400, "0.5")

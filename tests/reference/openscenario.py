@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.drivers.rails import X
-from cornerforge.interchange.cases import MovingCase
-from cornerforge.interchange.read_openscenario import read_openscenario
+from cornerforge.ext.interchange.read_openscenario import read_openscenario
+from cornerforge.library.out_case import MovingCase
 
 AHEAD = 1.4
 """Of a box's middle from its rear axle, in the files of these tests [m]."""

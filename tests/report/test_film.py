@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from cornerforge.errors import InputError, MissingExtraError, OutputError
-from cornerforge.pictures.film import STANDS_S, check_film, film
+from cornerforge.ext.pictures.film import STANDS_S, check_film, film
 from cornerforge.report.judged import WayOut
 from cornerforge.types import Scenario
 

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cornerforge.geometry import Box, boxes_overlap
-from cornerforge.pictures.moments import Moments, corners_of, overlap_of, partner_of
 from cornerforge.report.judged import WayOut
+from cornerforge.report.moments import Moments, corners_of, overlap_of, partner_of
 from cornerforge.types import FRAME_S, Crash, Scenario
 
 MakeScenario = Callable[[int, str], Scenario]

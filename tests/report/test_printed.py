@@ -9,11 +9,11 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from paper_figures import read_pdf
 
-from cornerforge.pictures.printing import print_of
+from cornerforge.ext.pictures.printed import CAPTIONS, print_chart
+from cornerforge.ext.pictures.printing import print_of
 from cornerforge.report.artefacts import read_artefacts
 from cornerforge.report.figures import Figure
 from cornerforge.report.page import charts_of
-from cornerforge.report.printed import CAPTIONS, print_chart
 
 pytestmark = pytest.mark.full
 

@@ -12,8 +12,8 @@ import pytest
 from edited_files import write_object
 
 from cornerforge.errors import FileFormatError
-from cornerforge.paper.registry import ITEMS
-from cornerforge.report.reproduction import RENDERERS, write_reproduction
+from cornerforge.ext.paper.registry import ITEMS
+from cornerforge.ext.paper.reproduction import RENDERERS, write_reproduction
 
 pytestmark = pytest.mark.full
 

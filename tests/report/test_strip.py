@@ -12,8 +12,8 @@ import pytest
 from paper_figures import read_pdf
 
 from cornerforge.errors import InputError
-from cornerforge.pictures.printing import WIDTHS, print_of
-from cornerforge.pictures.strip import key_moments, strip_figure
+from cornerforge.ext.pictures.printing import WIDTHS, print_of
+from cornerforge.ext.pictures.strip import key_moments, strip_figure
 from cornerforge.types import Scenario
 
 MakeScenario = Callable[[int, str], Scenario]

@@ -12,8 +12,8 @@ from hand_built import Car, change_lane, setting_of, world_of
 from cornerforge.drivers.avs import AVS, AvModel, AvNetwork, av_named
 from cornerforge.drivers.idm import idm_acceleration
 from cornerforge.drivers.policy import NO_POLICY, NetworkShape, n_weights
+from cornerforge.experiment.av_file import av_of
 from cornerforge.ndd.model import NddModel
-from cornerforge.pipeline.av_file import av_of
 from cornerforge.sim.av_features import AV_FEATURES_VERSION, N_AV_FEATURES
 from cornerforge.sim.av_kinds import built_in_av_decides
 from cornerforge.sim.recorder import Recorder

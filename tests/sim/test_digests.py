@@ -16,8 +16,8 @@ from hand_built import setting_of
 
 from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
+from cornerforge.experiment.av_file import av_of
 from cornerforge.ndd.model import NddModel
-from cornerforge.pipeline.av_file import av_of
 from cornerforge.sim.observe import N_OBSERVATION, budget_units
 from cornerforge.sim.runner import Tally, drive_chunk
 from cornerforge.sim.setting import Setting, cast_of

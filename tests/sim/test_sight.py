@@ -14,8 +14,8 @@ import cornerforge.sim
 from cornerforge.drivers.avs import AVS, AvModel, AvNetwork, av_named
 from cornerforge.drivers.policy import NO_POLICY, NetworkShape, n_weights
 from cornerforge.drivers.sight import Sight, numbers_of_sight
+from cornerforge.experiment.av_file import av_of
 from cornerforge.ndd.model import NddModel
-from cornerforge.pipeline.av_file import av_of
 from cornerforge.road.straight import RoadNumbers, lane_bits, road_numbers
 from cornerforge.sim.actions import nearest_action, start_lane_change
 from cornerforge.sim.av_features import AV_FEATURES_VERSION, N_AV_FEATURES

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hand_built import setting_of
 
+from cornerforge.experiment.av_file import av_of
 from cornerforge.ndd.model import NddModel
-from cornerforge.pipeline.av_file import av_of
 from cornerforge.rates.trees import Grown, grow
 from cornerforge.sim import Script, ScriptDriver, Setting, simulate
 from cornerforge.sim.danger import N_SEEN, WIDTH, Network

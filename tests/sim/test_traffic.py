@@ -11,9 +11,9 @@ from statistical_bounds import distance_to_law, dkw_bound, l1_bound, l1_distance
 
 from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.idm import desired_gap
+from cornerforge.ext.calibrate.facts import FACTS
 from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.model import NddModel
-from cornerforge.pipeline.facts import FACTS
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import RUNNING, STATE, UNKNOWN, allocate_worlds, n_slots, world_of

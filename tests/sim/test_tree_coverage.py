@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from hand_built import setting_of
 
+from cornerforge.experiment.av_file import av_of
 from cornerforge.ndd.model import NddModel
-from cornerforge.pipeline.av_file import av_of
 from cornerforge.rates.teaching import plan_of, teach
 from cornerforge.rates.trees import grow
 from cornerforge.rates.weighted import always_valid_interval, weighted_rate

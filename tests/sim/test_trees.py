@@ -9,8 +9,8 @@ import pytest
 from hand_built import setting_of
 
 from cornerforge._philox import PURPOSE_DECIDE, blocks
+from cornerforge.experiment.av_file import av_of
 from cornerforge.ndd.model import NddModel
-from cornerforge.pipeline.av_file import av_of
 from cornerforge.rates.trees import Grown, grow
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import Script, ScriptDriver, simulate

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hand_built import setting_of
 
-from cornerforge.envs.batch import BvBatch
 from cornerforge.errors import InputError, UndrawableError
+from cornerforge.experiment.setting import experiment
+from cornerforge.ext.gym.batch import BvBatch
 from cornerforge.library.harvester import Harvester
 from cornerforge.ndd.model import NddModel
-from cornerforge.pipeline.setting import experiment
 from cornerforge.rates.trees import grow
 from cornerforge.sim import (
     N_OBSERVATION,

@@ -8,7 +8,7 @@ from cornerforge._doors import door
 
 if TYPE_CHECKING:
     from cornerforge.adversary.config import PRESETS, TrainConfig
-    from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, save_policy
+    from cornerforge.experiment.policy_file import Policy, load_policy, policy_hash, save_policy
 
 __all__ = [
     "PRESETS",
@@ -20,13 +20,13 @@ __all__ = [
 ]
 
 __getattr__ = door(
-    "cornerforge.adversary",
+    "cornerforge",
     {
-        "PRESETS": "config",
-        "Policy": "policy_file",
-        "TrainConfig": "config",
-        "load_policy": "policy_file",
-        "policy_hash": "policy_file",
-        "save_policy": "policy_file",
+        "PRESETS": "adversary.config",
+        "Policy": "experiment.policy_file",
+        "TrainConfig": "adversary.config",
+        "load_policy": "experiment.policy_file",
+        "policy_hash": "experiment.policy_file",
+        "save_policy": "experiment.policy_file",
     },
 )

@@ -165,7 +165,7 @@ def shrink(
     debug: Debug = False,
 ) -> None:
     """Make cases as small as they get: fewest vehicles, shortest window, most natural actions, the same crash."""
-    from cornerforge.pipeline.shrink import shrink_text
+    from cornerforge.verbs.shrink import shrink_text
 
     run_command(
         lambda bars: cornerforge.shrink(library, cases, out=out, resume=resume, progress=bars, **world),
@@ -265,7 +265,7 @@ def retest(
     debug: Debug = False,
 ) -> None:
     """Drive another AV through stored cases, and compare; exit status 1 if it got worse."""
-    from cornerforge.pipeline.retest import retest_text
+    from cornerforge.verbs.retest import retest_text
 
     result = run_command(
         lambda bars: cornerforge.retest(
@@ -302,7 +302,7 @@ def suite_build(
     debug: Debug = False,
 ) -> None:
     """Choose the fewest cases that find and rank the flaws of many AVs; checked on AVs left out."""
-    from cornerforge.pipeline.suite import suite_text
+    from cornerforge.ext.studies.suite import suite_text
 
     run_command(
         lambda bars: cornerforge.suite_build(
@@ -336,7 +336,7 @@ def r157(
     debug: Debug = False,
 ) -> None:
     """Drive an AV through the scenarios of UN Regulation 157, beside the reference drivers."""
-    from cornerforge.pipeline.r157 import r157_text
+    from cornerforge.ext.studies.r157 import r157_text
 
     given = family or ["all"]
     run_command(
@@ -446,7 +446,7 @@ def variety(
     debug: Debug = False,
 ) -> None:
     """Count kinds of crash: in libraries, or as policies make them greedily, at random and mixed."""
-    from cornerforge.pipeline.variety import variety_text
+    from cornerforge.ext.studies.variety import variety_text
 
     run_command(
         lambda bars: cornerforge.variety(
@@ -482,7 +482,7 @@ def plausibility(
     debug: Debug = False,
 ) -> None:
     """Plot what an adversary reaches against how plausible it must stay: one training per budget and seed."""
-    from cornerforge.pipeline.plausibility import BUDGETS_NATS, plausibility_text
+    from cornerforge.ext.studies.plausibility import BUDGETS_NATS, plausibility_text
 
     run_command(
         lambda bars: cornerforge.plausibility(

@@ -139,8 +139,8 @@ def rate(
 
     Exit status 1 if the rate is in doubt.
     """
-    from cornerforge.pipeline.rate_text import doubt_text
-    from cornerforge.pipeline.rate_text import rate_text as crashes_text
+    from cornerforge.verbs.rate_text import doubt_text
+    from cornerforge.verbs.rate_text import rate_text as crashes_text
 
     if out is None and max_tests > 10_000_000 and not quiet:
         typer.echo(f"Note: nothing of up to {max_tests:,} tests survives a stop; --out FOLDER keeps them.", err=True)

@@ -118,7 +118,7 @@ def import_cases(
     debug: Debug = False,
 ) -> None:  # fmt: skip
     """Read scenarios of other tools as cases, and drive an AV through them."""
-    from cornerforge.pipeline.import_cases import import_text
+    from cornerforge.ext.interchange.import_cases import import_text
 
     run_command(
         lambda bars: cornerforge.import_cases(file, out=out, ego=ego, av=av, seed=seed, progress=bars, **world),
@@ -161,7 +161,7 @@ def cases_from_data(
     debug: Debug = False,
 ) -> None:  # fmt: skip
     """Make cases of the most critical moments of recorded traffic, and drive an AV through them."""
-    from cornerforge.pipeline.from_data import from_data_text
+    from cornerforge.ext.interchange.from_data import from_data_text
 
     run_command(
         lambda bars: cornerforge.cases_from_data(

@@ -39,7 +39,7 @@ def ndd_fit(
 
     On one machine the same files give the same bytes; on another processor a law's fourth digit may differ.
     """
-    from cornerforge.pipeline.naturalistic import fit_text
+    from cornerforge.ext.calibrate.naturalistic import fit_text
 
     run_command(
         lambda bars: cornerforge.ndd_fit(
@@ -71,7 +71,7 @@ def ndd_validate(
     debug: Debug = False,
 ) -> None:
     """Compare a model with held-out trajectories and published facts; exit status 1 if it does not pass."""
-    from cornerforge.pipeline.validate import validation_text
+    from cornerforge.ext.calibrate.validating import validation_text
 
     result = run_command(
         lambda bars: cornerforge.ndd_validate(
@@ -97,7 +97,7 @@ def ndd_show(
     debug: Debug = False,
 ) -> None:
     """Show a naturalistic model: its key numbers beside published facts; figures with --out."""
-    from cornerforge.pipeline.show import show_text
+    from cornerforge.ext.calibrate.show import show_text
 
     run_command(
         lambda bars: cornerforge.ndd_show(model, out=out, progress=bars), show_text, as_json=as_json, quiet=quiet,
@@ -118,7 +118,7 @@ def ndd_import(
     debug: Debug = False,
 ) -> None:
     """Make a model of the published IVBSS arrays; what is missing is filled from ours and named."""
-    from cornerforge.pipeline.naturalistic import import_text
+    from cornerforge.ext.calibrate.naturalistic import import_text
 
     run_command(
         lambda bars: cornerforge.ndd_import(folder, out=out, model=model, progress=bars),

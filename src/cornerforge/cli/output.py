@@ -149,8 +149,8 @@ def run_command(
     """
     from cornerforge._jit import announce_compiling
     from cornerforge.execution import engine
+    from cornerforge.experiment.output import called_with, check_new_file, write_json
     from cornerforge.foreign.pace import announced
-    from cornerforge.pipeline.output import called_with, check_new_file, write_json
     from cornerforge.results import as_json as result_as_json
 
     if out is not None:

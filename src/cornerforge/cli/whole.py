@@ -100,7 +100,7 @@ def run(
     debug: Debug = False,
 ) -> None:
     """Do the whole job: natural traffic, natural crash rate, training, cases, analyses, report."""
-    from cornerforge.pipeline.rate_text import doubt_text, miles_text
+    from cornerforge.verbs.rate_text import doubt_text, miles_text
 
     def text(r: RunDone) -> str:
         doubt = doubt_text(r.natural, f"cornerforge rate --out {r.out}/natural --resume, in the same world, ")
@@ -191,11 +191,11 @@ def serve(
     debug: Debug = False,
 ) -> None:
     """Show all cases in the browser: a map of them, each to watch, to compare and to note on; Ctrl-C ends it."""
-    from cornerforge.pipeline.output import check_new_file, write_json
+    from cornerforge.experiment.output import check_new_file, write_json
     from cornerforge.results import as_json as result_as_json
 
     def up(r: Served) -> None:
-        from cornerforge.explorer.server import PORT
+        from cornerforge.ext.explorer.server import PORT
 
         if out is not None:
             write_json(out, result_as_json(r), checksum=False)
@@ -345,7 +345,7 @@ def reproduce(
     debug: Debug = False,
 ) -> None:
     """Make the paper's figures and tables again, ours beside theirs, on one page."""
-    from cornerforge.paper.reproduce import reproduction_text
+    from cornerforge.ext.paper.reproduce import reproduction_text
 
     figures = [*(figure or []), *(more or [])] or None
     run_command(

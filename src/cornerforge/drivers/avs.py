@@ -86,7 +86,7 @@ class AvModel:
             target lane from the other side.
         kind: One of `AV_KINDS`.
         rss: Safe distances, for the cautious kind.
-        network: The network, for the learned kind; None until its file is read (`pipeline.av_file`).
+        network: The network, for the learned kind; None until its file is read (`experiment.av_file`).
         careful: Which reference driver, for the careful kind.
         flawed: Which flaw, for the flawed kind.
 

@@ -1,6 +1,7 @@
 """Gymnasium environments: `cornerforge/Adversary-v0` (drive a background vehicle), `cornerforge/Driving-v0` (the AV).
 
-Importing this package registers both, single and vector, with Gymnasium; docs/gymnasium.md describes them.
+Importing this package registers both, single and vector, with Gymnasium; docs/gymnasium.md describes them. They are
+made in `cornerforge.ext.gym`.
 
 >>> import gymnasium
 >>> import cornerforge.envs
@@ -10,23 +11,6 @@ Importing this package registers both, single and vector, with Gymnasium; docs/g
 
 from __future__ import annotations
 
-from cornerforge.errors import MissingExtraError
-
-try:
-    from gymnasium.envs.registration import register, registry
-except ImportError as error:
-    raise MissingExtraError("gymnasium", "gym") from error
+from cornerforge.ext.gym import ADVERSARY_ID, DRIVING_ID
 
 __all__ = ["ADVERSARY_ID", "DRIVING_ID"]
-
-ADVERSARY_ID = "cornerforge/Adversary-v0"
-DRIVING_ID = "cornerforge/Driving-v0"
-
-for _id, _name in ((ADVERSARY_ID, "Adversary"), (DRIVING_ID, "Driving")):
-    if _id not in registry:
-        # Named, not imported: who only lists environments need not wait for the simulator.
-        register(
-            id=_id,
-            entry_point=f"cornerforge.envs.single:{_name}Env",
-            vector_entry_point=f"cornerforge.envs.vector:{_name}VectorEnv",
-        )

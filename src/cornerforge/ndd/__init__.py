@@ -1,4 +1,4 @@
-"""The naturalistic driving model: trajectory readers, probability tables, their fit and their report."""
+"""The naturalistic driving model: its tables, and by name what `cornerforge.ext.calibrate` fits it with."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 from cornerforge._doors import door
 
 if TYPE_CHECKING:
-    from cornerforge.ndd.fit import fit_model
-    from cornerforge.ndd.layouts import DATA_FORMATS
+    from cornerforge.ext.calibrate.fit import fit_model
+    from cornerforge.ext.calibrate.layouts import DATA_FORMATS
+    from cornerforge.ext.calibrate.readers import read_decisions
+    from cornerforge.ext.calibrate.report import FitReport, write_fit_report
     from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash, save_model
-    from cornerforge.ndd.readers import read_decisions
-    from cornerforge.ndd.report import FitReport, write_fit_report
 
 __all__ = [
     "DATA_FORMATS",
@@ -27,17 +27,17 @@ __all__ = [
 ]
 
 __getattr__ = door(
-    "cornerforge.ndd",
+    "cornerforge",
     {
-        "DATA_FORMATS": "layouts",
-        "FitReport": "report",
-        "NddModel": "model",
-        "default_model_path": "model",
-        "fit_model": "fit",
-        "load_model": "model",
-        "model_hash": "model",
-        "read_decisions": "readers",
-        "save_model": "model",
-        "write_fit_report": "report",
+        "DATA_FORMATS": "ext.calibrate.layouts",
+        "FitReport": "ext.calibrate.report",
+        "NddModel": "ndd.model",
+        "default_model_path": "ndd.model",
+        "fit_model": "ext.calibrate.fit",
+        "load_model": "ndd.model",
+        "model_hash": "ndd.model",
+        "read_decisions": "ext.calibrate.readers",
+        "save_model": "ndd.model",
+        "write_fit_report": "ext.calibrate.report",
     },
 )

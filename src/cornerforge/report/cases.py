@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.metrics.risk import lane_ttc, plane_ttc
-from cornerforge.pictures.moments import partner_of
 from cornerforge.report.judged import WayOut
+from cornerforge.report.moments import partner_of
 from cornerforge.road.straight import along
 from cornerforge.types import ACTIONS, CLASSES, FRAME_S, Scenario
 

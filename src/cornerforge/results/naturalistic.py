@@ -283,7 +283,7 @@ class FittedLaneChanges:
     left_out: dict[str, int] = field(metadata=meant("Seconds left out, changes among them, by reason.", "s"))
     changes_left_out: dict[str, int] = field(metadata=meant("Changes left out, by reason."))
     numbers: dict[str, FittedLaneNumber] = field(
-        metadata=meant("By name, the fitted parameters of `ndd.lane_change.LaneChange`; empty for the prior.")
+        metadata=meant("By name, the fitted parameters of `ext.calibrate.lane_change.LaneChange`; empty for the prior.")
     )
 
 

@@ -1,4 +1,4 @@
-"""Worlds in which an agent outside the kernels decides, for the controlled BV or for the AV (`cornerforge.envs`).
+"""Worlds in which an agent outside the kernels decides, for the controlled BV or for the AV (`cornerforge.ext.gym`).
 
 Many worlds go one step in one call. Every world has its own seed and test number, so what happens in it does not depend
 on the worlds beside it.

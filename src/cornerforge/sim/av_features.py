@@ -43,7 +43,7 @@ AV_FEATURES_VERSION = 2
 """Raised whenever the meaning of an entry changes; stored with every learned AV.
 
 In version 1 a vehicle was in its target lane as soon as its driver had decided. AVs that learned so go on seeing so
-(`pipeline.av_file`).
+(`experiment.av_file`).
 """
 _N_OWN = 9
 _PER_OTHER = 8

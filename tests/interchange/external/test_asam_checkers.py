@@ -18,8 +18,8 @@ import pytest
 from crashes_by_hand import mirrored
 from openscenario_read_back import real_crashes
 
-from cornerforge.interchange.cases import Fact, OutCase
-from cornerforge.interchange.openscenario import MODES, VERSIONS, write_openscenario
+from cornerforge.ext.interchange.openscenario import MODES, VERSIONS, write_openscenario
+from cornerforge.library.out_case import Fact, OutCase
 from cornerforge.types import Scenario
 
 pytestmark = pytest.mark.interchange

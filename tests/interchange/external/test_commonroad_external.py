@@ -17,10 +17,10 @@ import pytest
 
 import cornerforge
 from cornerforge.drivers.rails import ACCELERATION, HEADING, SPEED, X, Y
-from cornerforge.interchange.cases import OutCase
-from cornerforge.interchange.commonroad import write_commonroad
-from cornerforge.interchange.read_commonroad import read_commonroad
+from cornerforge.ext.interchange.commonroad import write_commonroad
+from cornerforge.ext.interchange.read_commonroad import read_commonroad
 from cornerforge.library import CaseLibrary
+from cornerforge.library.out_case import OutCase
 from cornerforge.types import MOTORCYCLE, TRUCK, Crash, Scenario
 
 pytestmark = pytest.mark.interchange

@@ -1,0 +1,15 @@
+"""Parts of `cornerforge.ext` that the core asks for by name, so that it imports nothing of it."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+__all__ = ["extension"]
+
+_PARTS = {"films": "pictures.picture", "model draws": "studies.model_draws"}
+
+
+def extension(part: str) -> Any:
+    """Give the module of a part: "films" (`replay --video`) or "model draws" (`rate --model-draws`)."""
+    return importlib.import_module(f"cornerforge.ext.{_PARTS[part]}")

@@ -1,0 +1,127 @@
+"""Driving and counting the tests of an experiment, and result objects with units and intervals."""
+
+from __future__ import annotations
+
+import time
+from typing import Any, get_args
+
+from cornerforge._checks import check_integer
+from cornerforge.errors import AvFaultError
+from cornerforge.execution.progress import NO_PROGRESS, Progress, moving
+from cornerforge.experiment.setting import Experiment
+from cornerforge.foreign.driver import answers_per_test
+from cornerforge.intervals import binomial_interval
+from cornerforge.results import Simulated, from_json
+from cornerforge.results.driving import Distributions, Quantity, TtcLimit
+from cornerforge.results.rates import Rate
+from cornerforge.sim import Tally, simulate_chunks, statistics
+from cornerforge.types import METRES_PER_MILE
+
+__all__ = ["CHUNK", "check_not_all_spoiled", "distributions_of", "rate_summary", "simulate_experiment", "tally_summary"]
+
+
+CHUNK = 512
+"""Tests in a range that one thread drives, unless the AV is slow."""
+
+
+def rate_summary(crashes: int, tests: int, miles: float) -> Rate:
+    """Make a crash rate per test and per mile, with n and exact 95 % intervals."""
+    low, high = binomial_interval(crashes, tests)
+    per_mile = tests / miles if miles > 0.0 else None
+    return Rate(
+        tests=tests,
+        crashes_per_test=crashes / tests,
+        interval95=(low, high),
+        crashes_per_mile=None if per_mile is None else crashes / tests * per_mile,
+        interval95_per_mile=None if per_mile is None else (low * per_mile, high * per_mile),
+        miles=miles,
+    )
+
+
+def distributions_of(counts: statistics.Counts) -> Distributions:
+    """Describe the traffic of BVs by the distributions in its counts."""
+    quantities: dict[str, Any] = {
+        grid.name: from_json(
+            Quantity, {"unit": grid.unit, **statistics.histogram_summary(grid, counts.histograms[row])}
+        )
+        for row, grid in enumerate(statistics.TRAFFIC)
+    }
+    totals = counts.totals
+    following, states = int(totals[statistics.FOLLOWING_STATES]), int(totals[statistics.BV_STATES])
+    miles = int(totals[statistics.BV_TRAVEL_MM]) / 1000.0 / METRES_PER_MILE
+    return Distributions(
+        **quantities,
+        ttc_share_below={
+            limit: int(totals[statistics.TTC_BELOW + k]) / following if following else None
+            for k, limit in enumerate(get_args(TtcLimit))
+        },
+        following_share=following / states if states else None,
+        lane_changes_per_mile=int(totals[statistics.LANE_CHANGES]) / miles if miles else None,
+        bv_miles=miles,
+    )
+
+
+def tally_summary(tally: Tally, seconds: float, *, with_distributions: bool) -> Simulated:
+    """Make the result of `simulate`."""
+    return Simulated(
+        **vars(rate_summary(tally.av_crashes, tally.tests, tally.miles)),
+        av_crashes=tally.av_crashes,
+        av_faults=tally.av_faults,
+        bv_crashes=tally.bv_crashes,
+        seconds=round(seconds, 3),
+        world_steps=tally.decisions,
+        world_steps_per_second=round(tally.decisions / seconds, 2),
+        tests_per_second=round(tally.tests / seconds, 4),
+        digest=tally.digest.hexdigest(),
+        distributions=distributions_of(tally.counts) if with_distributions else None,
+    )
+
+
+def check_not_all_spoiled(run: Experiment, valid: int, tests: int) -> None:
+    """Check that at least one test is valid.
+
+    Raises:
+        AvFaultError: The foreign AV failed in all tests.
+    """
+    if valid == 0 and tests > 0 and run.foreign is not None and run.foreign.faults:
+        fault = next(iter(run.foreign.faults.values()))
+        error = AvFaultError(
+            f"The AV {run.av.name} spoiled every one of {tests} tests. In test {fault.test} it {fault.message}. "
+            f"Correct the AV; to look closer: {run.foreign.closer()}"
+        )
+        raise run.foreign.explained(error, fault.message)
+
+
+def simulate_experiment(
+    run: Experiment,
+    *,
+    tests: int,
+    seed: int,
+    first: int = 0,
+    threads: int | None = None,
+    counting: bool = False,
+    progress: Progress = NO_PROGRESS,
+    stage: str = "simulate",
+) -> tuple[Tally, float]:
+    """Drive tests of an experiment; return the sums and the time that it took [s]."""
+    check_integer("seed", seed, low=0, high=2**63 - 1)
+    check_integer("tests", tests, low=1, high=10**12)
+    run.warm_up()
+    start = time.perf_counter()
+    tally, each = Tally(), 1.0 / answers_per_test(run.setting)
+    with moving(progress, run.answered(), each, stage, 0, tests) as told:
+        for _, out, counts in simulate_chunks(
+            run.setting,
+            run.slots,
+            seed=seed,
+            first=first,
+            tests=tests,
+            threads=run.processes(threads),
+            counting=counting,
+            chunk=run.range_size(CHUNK, tests, threads),
+            drive=run.drive,
+        ):
+            tally.add(out, counts)
+            told(stage, tally.tests + tally.av_faults, tests)
+    check_not_all_spoiled(run, tally.tests, tests)
+    return tally, time.perf_counter() - start

@@ -1,0 +1,93 @@
+"""Lane changes that people made, and how many of them are impossible in a model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from cornerforge.experiment.setting import Experiment
+from cornerforge.ext.calibrate.judging import judged
+from cornerforge.ext.calibrate.lane_observations import START_BEFORE, Transition, transitions_of
+from cornerforge.ext.calibrate.readers import Reading
+from cornerforge.intervals import binomial_interval
+from cornerforge.road.straight import lane_centre
+from cornerforge.sim import (
+    RUNNING,
+    Setting,
+    World,
+    action_probabilities,
+    all_current,
+    allocate_starter_scratch,
+    allocate_worlds,
+    world_of,
+)
+from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, N_ACTIONS
+
+__all__ = ["chance_of", "compare_transitions"]
+
+ALLOWED = 0.10
+"""Largest share of impossible transitions."""
+_OWN_LANE = 1
+_FAR_BEHIND = -1e5
+
+
+def _scene(transition: Transition, setting: Setting) -> World:
+    """Build the world of a transition: slot 1 changes lanes; the AV, slot 0, is out of sight."""
+    n = transition.along.size + 1
+    world = world_of(allocate_worlds(1, n))
+    v = world.vehicles
+    target = _OWN_LANE + 1 if transition.to_left else _OWN_LANE - 1
+    v["x"] = [_FAR_BEHIND, *transition.along]
+    v["speed"] = [transition.speed[0], *transition.speed]
+    v["length"] = [setting.road.length, *transition.length]
+    v["target_lane"] = _OWN_LANE
+    v["target_lane"][1:][transition.in_target] = target
+    v["y"] = [lane_centre(int(lane), setting.road.lane_width) for lane in v["target_lane"]]
+    v["lanes"] = 1 << v["target_lane"]
+    v["present"] = 1
+    v["action"] = -1
+    world.order[:] = np.argsort(v["x"], kind="stable")
+    world.state["n_vehicles"] = n
+    world.state["outcome"] = RUNNING
+    all_current(world)
+    return world
+
+
+def chance_of(transition: Transition, setting: Setting) -> float:
+    """Compute the probability with which an attentive driver of the model starts this lane change at this moment.
+
+    The road is that of `setting`, with at least three lanes; only the vehicles of the two lanes are there, each in the
+    centre of its lane.
+    """
+    world = _scene(transition, setting)
+    p = np.zeros(N_ACTIONS)
+    action_probabilities(world, 1, True, _OWN_LANE, setting.road, setting.tables, allocate_starter_scratch(), p)
+    return float(p[ACTION_LEFT if transition.to_left else ACTION_RIGHT])
+
+
+def compare_transitions(run: Experiment, names: Sequence[str], readings: Sequence[Reading]) -> list[dict[str, Any]]:
+    """Compare the share of recorded lane changes that the model calls impossible with what is allowed, file by file.
+
+    Files without lanes or lane changes have no row. Who was out of the recorded stretch of road counts as not there, so
+    the true share is no smaller. The interval is the exact binomial one.
+
+    Args:
+        run: The experiment, on a road of at least three lanes.
+        names, readings: The files.
+    """
+    rows = []
+    for name, reading in zip(names, readings, strict=True):
+        chances = np.array([chance_of(one, run.setting) for one in transitions_of(reading) or ()])
+        if chances.size == 0:
+            continue
+        impossible = int((chances == 0.0).sum())
+        rows.append(
+            judged(
+                "transitions", name, f"share of lane changes of probability 0, {START_BEFORE:g} s before the crossing",
+                "", None, "recorded: all of them happened", impossible / chances.size, chances.size,
+                binomial_interval(impossible, chances.size), (0.0, ALLOWED),
+            )
+        )  # fmt: skip
+    return rows

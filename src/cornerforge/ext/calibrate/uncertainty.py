@@ -1,0 +1,210 @@
+"""Models as uncertain as the naturalistic model itself is: each uncertain number is drawn, and so are rows of data.
+
+`UNCERTAIN` is the one table of what is uncertain, by how much, and who says so. A draw multiplies each number by an
+independent log-normal factor of median 1. Where a model's own fit states an interval of a number, its width is taken.
+See docs/adr/0034-the-models-own-uncertainty.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_integer
+from cornerforge.errors import FileFormatError, InputError
+from cornerforge.ext.calibrate.variations import Variation, counted_decisions, section, varied_model
+from cornerforge.ndd.model import NddModel
+
+__all__ = ["DESIGN_EFFECT", "UNCERTAIN", "Uncertain", "check_drawable", "drawn_model", "drawn_variations", "widths"]
+
+_Z95 = 1.959963984540054
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """One number of the model that is uncertain.
+
+    Attributes:
+        part, field: Where it is; as of `Variation`.
+        width: Standard deviation of its natural logarithm.
+        measured: The width comes from data; else it is a judgement.
+        source: Whose, in words.
+        most, least: Largest and smallest value allowed; what is drawn beyond becomes this.
+    """
+
+    part: str
+    field: str
+    width: float
+    measured: bool
+    source: str
+    most: float = math.inf
+    least: float = 0.0
+
+
+def _judged(part: str, field: str, width: float, source: str, most: float = math.inf) -> Uncertain:
+    return Uncertain(part, field, width, False, source, most)
+
+
+def _measured(
+    part: str, field: str, width: float, source: str, most: float = math.inf, least: float = 0.0
+) -> Uncertain:
+    return Uncertain(part, field, width, True, source, most, least)
+
+
+_FILES = (
+    "fits to I-80, its HOV lane and US-101 one by one (benchmarks/model_widths.py); resampled vehicles scatter less"
+)
+
+UNCERTAIN: tuple[Uncertain, ...] = (
+    _measured("law", "response", 0.17, f"at a gap of 30 m: {_FILES}"),
+    _measured("law", "spread", 0.12, _FILES),
+    _measured("law", "degrees", 0.49, f"{_FILES}; at least 3, as no file says less than 4.6", least=3.0),
+    _measured("initial", "noise_spread", 0.49, "bootstrap over drivers, 0.040 to 0.276 (ADR 29)", 2.0),
+    _judged("safe", "response", 0.25, "set by hand so that BVs crash about as often as people (ADR 24)"),
+    _judged("model", "overlook", 0.69, "a factor of 2: set by the national mix of crashes (ADR 27)", 1.0),
+    _judged("model", "overlook_conflict", 0.69, "a factor of 2, as overlook (ADR 27)", 1.0),
+    _judged("memory", "away", 0.69, "a factor of 2: set so that crashes between BVs stay below 3e-6 (ADR 27)", 1.0),
+    _judged("memory", "away_again", 0.20, "the share of looks of 3 s and more, 9 %, to a factor of 1.5 (ADR 27)", 0.9),
+    _judged("initial", "vigilance_sigma", 0.25, "published shares of risk leave 0.5 to 1.3 (ADR 29)", 1.5),
+    _judged("initial", "signal_share", 0.15, "one published share; 0.6 and 0.75 were tried (ADR 24)", 1.0),
+    _judged("initial", "desire_share", 0.30, "chosen with simulated traffic in view (ADR 24)", 1.0),
+    _judged("lane_change", "rate", 0.30, "published 0.36 and 0.20 changes a mile (Lee 2004, Krajewski 2018)", 0.5),
+    _judged("lane_change", "misjudge", 0.40, "closing cut-ins are half as frequent as recorded ones (ADR 24)", 1.0),
+    _judged("lane_change", "rear_standstill", 0.15, "matched by hand to recorded cut-ins (ADR 24)"),
+    _judged("lane_change", "lead_standstill", 0.15, "matched by hand to recorded cut-ins (ADR 24)"),
+    _judged("lane_change", "rear_reaction", 0.40, "only its being long is told by recorded cut-ins (ADR 24)"),
+)
+"""What is uncertain of the shipped model, and by how much."""
+DESIGN_EFFECT = 1.12
+"""So many decisions in one state of the table tell as much as one of independent drivers: 1.34 are of one driver, with
+a correlation of 0.35 (benchmarks/model_widths.py)."""
+
+
+def widths(model: NddModel) -> tuple[Uncertain, ...]:
+    """List what is uncertain of a model: `UNCERTAIN`, with the intervals of the model's own fit where it states some.
+
+    Args:
+        model: With its provenance.
+    """
+    found = {(row.part, row.field): row for row in UNCERTAIN}
+    for (part, field), interval in _own_intervals(model.provenance).items():
+        known = found.get((part, field))
+        low, high = interval
+        if 0.0 < low < high:
+            width = math.log(high / low) / (2.0 * _Z95)
+            source = "95 % interval of the model's own fit"
+            limits = (math.inf, 0.0) if known is None else (known.most, known.least)
+            found[part, field] = Uncertain(part, field, width, True, source, *limits)
+    return tuple(found.values())
+
+
+def _own_intervals(provenance: Mapping[str, object]) -> dict[tuple[str, str], tuple[float, float]]:
+    """Read the intervals that a fit left in the provenance, by part and field.
+
+    Raises:
+        FileFormatError: It left something else there.
+    """
+    found: dict[tuple[str, str], tuple[float, float]] = {}
+    noise: Any = provenance.get("noise_spread_fit")
+    changes: Any = provenance.get("lane_change_fit")
+    try:
+        if noise is not None:
+            found["initial", "noise_spread"] = _pair(noise)
+        if changes is not None:
+            for name, number in dict(changes["numbers"]).items():
+                found["lane_change", str(name)] = _pair(number)
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileFormatError(
+            f"The model's provenance holds no usable intervals of its fit ({error}); fit it again."
+        ) from error
+    return found
+
+
+def _pair(number: Mapping[str, Any]) -> tuple[float, float]:
+    low, high = number["interval95"]
+    return float(low), float(high)
+
+
+def check_drawable(model: NddModel) -> None:
+    """Check, before long work, that models can be drawn about this one.
+
+    Raises:
+        InputError: It does not say what it is made of, or its tables are not what it says.
+    """
+    try:
+        drawn_model(model, 0, 0)
+    except InputError as error:
+        raise InputError(f"The model's own uncertainty cannot be drawn. {error} Or leave out --model-draws.") from error
+
+
+def drawn_variations(model: NddModel, seed: int, k: int) -> tuple[Variation, ...]:
+    """Draw the factors of all uncertain numbers.
+
+    Args:
+        model: About which to draw.
+        seed: 0 or more.
+        k: Number of the draw, 0 or more; each is independent of the others.
+
+    Returns:
+        One variation a number that is above 0, in the order of `widths`; a value stays within what is allowed.
+    """
+    rng = _generator(seed, k, 0)
+    found = []
+    for row in widths(model):
+        factor = math.exp(row.width * float(rng.standard_normal()))
+        value = _value(model, row)
+        if value > 0.0:  # what already lies beyond a limit stays where it is
+            highest, lowest = max(1.0, row.most / value), min(1.0, row.least / value)
+            found.append(Variation(row.part, row.field, min(max(factor, lowest), highest)))
+    return tuple(found)
+
+
+def drawn_model(model: NddModel, seed: int, k: int) -> NddModel:
+    """Draw a model: numbers by `drawn_variations`, and the rows of the following table that decisions stand behind.
+
+    Such a row is drawn from Dirichlet((n / `DESIGN_EFFECT` + s) row), n its decisions and s the prior's strength; its
+    mean is the row, and what is impossible stays impossible. All other rows are what the drawn law says.
+
+    Args:
+        model: About which to draw, with its provenance.
+        seed: 0 or more.
+        k: Number of the draw, 0 or more.
+
+    Raises:
+        InputError: The model does not say what it is made of, or its tables are not what it says.
+    """
+    check_integer("seed", seed, low=0, high=2**63 - 1)
+    check_integer("k", k, low=0, high=2**31 - 1)
+    n, strength = counted_decisions(model), float(section(model, "settings")["prior_strength"])
+    varied = varied_model(model, drawn_variations(model, seed, k))
+    counted = n > 0.0
+    rows = varied.following[counted].astype(np.float64)
+    trusted = (n[counted] / DESIGN_EFFECT + strength)[:, None]
+    following = varied.following.copy()
+    following[counted] = _dirichlet(trusted * rows, _generator(seed, k, 1))
+    return replace(varied, following=following)
+
+
+def _dirichlet(concentration: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float32]:
+    """Draw rows of probabilities, shape (n, 31); exact zeros stay."""
+    drawn = rng.standard_gamma(concentration)
+    return np.asarray(drawn / drawn.sum(axis=-1, keepdims=True), dtype=np.float32)
+
+
+def _generator(seed: int, k: int, use: int) -> np.random.Generator:
+    return np.random.Generator(np.random.Philox(np.random.SeedSequence([seed, k, use])))
+
+
+def _value(model: NddModel, row: Uncertain) -> float:
+    """Look up what a number is."""
+    if row.part == "model":
+        return float(getattr(model, row.field))
+    if row.part in ("memory", "initial"):
+        return float(getattr(getattr(model, row.part), row.field))
+    stated = section(model, "lane_change" if row.part == "lane_change" else "following")
+    return float((stated["law"] if row.part == "law" else stated)[row.field])

@@ -1,0 +1,355 @@
+"""`ndd validate` compares a model with held-out trajectories, and its free-running traffic with published facts."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._arguments import checked
+from cornerforge._checks import check_integer, check_number
+from cornerforge._files import write_bytes
+from cornerforge._locks import claims
+from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge.experiment.counting import distributions_of
+from cornerforge.experiment.output import open_output, write_json, write_text
+from cornerforge.experiment.setting import experiment
+from cornerforge.ext.calibrate.cut_ins import CUT_IN_FACTS
+from cornerforge.ext.calibrate.facts import CRASH_LIMIT, compare_crashes, compare_with_facts
+from cornerforge.ext.calibrate.free_running import (
+    DRIFT_WINDOWS,
+    MILES,
+    WHOLE,
+    FreeRunning,
+    FreeTraffic,
+    quantities_of,
+    simulate_free_running,
+    upper_rate,
+)
+from cornerforge.ext.calibrate.persistence import compare_persistence
+from cornerforge.ext.calibrate.transitions import compare_transitions
+from cornerforge.ndd.model import model_hash
+from cornerforge.results import NddValidated, as_json, from_json
+from cornerforge.results.validation import AcceptedGaps, FactFound, LaneChangeRate, RecordedQuantity, RecordedTtc
+
+if TYPE_CHECKING:
+    from cornerforge.ext.calibrate.compare import SimulatedTraffic
+
+__all__ = ["ndd_validate", "validation_text"]
+
+THEMES = {
+    "drift": (
+        "Drift",
+        "Traffic must be at 60 s what it is at the start: otherwise rates depend on when a test happens to begin. "
+        "Follows: gap of at most 115.5 m.",
+    ),
+    "crashes": (
+        "Crashes between background vehicles",
+        "Natural drivers hardly ever crash, and no more often in the first seconds of a test than later. The whole "
+        "drive is judged by the upper end of its interval, a period of it by the lower end.",
+    ),
+    "cut-ins": (
+        "Cut-ins",
+        "At the moment when a vehicle at 25-35 m/s crosses the marking ahead of a faster one, at most 75 m behind: how "
+        "near and how fast? That decides which crashes the traffic can make.",
+    ),
+    "persistence": (
+        "Memory of drivers",
+        "A driver who is close now is close half a minute later, but not for ever; what a second's state does not "
+        "explain goes on in the next.",
+    ),
+    "transitions": (
+        "Lane changes that people made",
+        "A lane change that was recorded must be possible for an attentive driver of the model two seconds before the "
+        "crossing.",
+    ),
+}
+"""Of the checks: name -> title, and what they mean in a sentence."""
+VALIDATION = "validation.json"
+_PAGE = "validation.html"
+_CURVES = ("time_gap", "gap", "range_rate", "acceleration_following", "acceleration_free")
+
+
+@checked
+@claims()
+def ndd_validate(
+    model: Path | str,
+    *,
+    against: Sequence[Path | str],
+    data_format: str | None = None,
+    miles: float = MILES,
+    out: Path | str | None = None,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress = NO_PROGRESS,
+) -> NddValidated:
+    """Compare a model with held-out trajectories and with published facts.
+
+    Args:
+        model: Model file.
+        against: Trajectory files, all of one format. The held-out decisions of a file are scored (all of them if none
+            is held out); the others fit the baselines.
+        data_format: "ngsim", "pairs", "tracks", "tgsim" or "highd"; None to tell it from the columns.
+        miles: Vehicle-miles of free-running traffic, driven for 62 s, at least 100. Below 1,000,000 the bound on
+            crashes cannot be met.
+        out: Folder for `validation.json`, the page `validation.html` and its figures; None to write nothing.
+        seed: Seed of the free-running traffic, 0 or more.
+        threads: None for all cores; does not change the result.
+        progress: Told how far it is.
+
+    Returns:
+        What `cornerforge ndd validate --json` prints. `passed` means: more likely than the IDM and than
+        uniform guessing on every file, with the whole 95 % interval, and every gated fact within what is allowed, in
+        all windows.
+
+    Raises:
+        CornerForgeError: Input, files or output place are not right.
+    """
+    from cornerforge.ext.calibrate.compare import compare_decisions, compare_traffic
+    from cornerforge.ext.calibrate.readers import read_decisions
+    from cornerforge.ext.calibrate.validate import reading_names, validate_readings
+
+    start = time.perf_counter()
+    check_integer("seed", seed, low=0, high=2**63 - 1)
+    check_number("miles", miles, low=100.0, high=1e9)
+    run = experiment(model=Path(model))
+    progress("validate: reading", 0, 1)
+    readings = read_decisions([Path(file) for file in against], data_format)
+    folder = None if out is None else Path(out)
+    if folder is not None:
+        files = ",".join(sorted(reading.sha256[:16] for reading in readings))
+        _open(folder, run.identity(seed) | {"command": "ndd validate", "miles": miles, "files": files})
+    progress("validate: scoring", 0, 1)
+    scores = validate_readings(run.model, readings)
+    conditional = compare_decisions(run.model, readings)
+    traffic = simulate_free_running(run, miles=miles, seed=seed, threads=threads, progress=progress)
+    whole, parts = traffic.during(WHOLE), [traffic.during(window) for window in DRIFT_WINDOWS]
+    progress("validate: comparing", 0, 1)
+    told = scores.to_json()
+    distances: Any = told.pop("distances")
+    notes: Any = told.pop("notes")
+    facts = _facts(traffic, whole, parts) + compare_transitions(run, reading_names(readings), readings)
+    content = {
+        "model": str(model),
+        "model_hash": model_hash(run.model),
+        **told,
+        "distances": distances | compare_traffic(run.model, readings, _simulated(whole)),
+        "one_step_ahead": conditional,
+        "facts": facts,
+        "traffic": [_traffic(part) for part in parts],
+        "themes": {name: {"title": title, "meaning": meaning} for name, (title, meaning) in THEMES.items()},
+        "notes": [*notes, *_traffic_notes(whole, parts)],
+        "passed": scores.passed and all(fact["within"] is not False for fact in facts),
+        "seconds": round(time.perf_counter() - start, 3),
+    }
+    if folder is not None:
+        content |= {"out": str(folder), "report": str(folder / _PAGE)}
+    found = from_json(NddValidated, content)
+    if folder is not None:
+        write_json(folder / VALIDATION, content)
+        _write_page(folder, found)
+    return found
+
+
+def _facts(traffic: FreeTraffic, whole: FreeRunning, parts: list[FreeRunning]) -> list[dict[str, Any]]:
+    """Compare the traffic with all that is known, theme by theme."""
+    return [
+        *(row for part in parts for row in compare_with_facts(part)),
+        *compare_crashes(traffic),
+        *compare_with_facts(whole, CUT_IN_FACTS),
+        *compare_persistence(traffic.pairs),
+    ]
+
+
+def _open(folder: Path, identity: dict[str, Any]) -> None:
+    """Claim the folder before the work, and check that the figures can be drawn."""
+    from cornerforge.ext.calibrate.validation_page import check_figures
+
+    check_figures()
+    open_output(folder, identity, resume=True)
+
+
+def _write_page(folder: Path, result: NddValidated) -> None:
+    from cornerforge.ext.calibrate.validation_page import figures_of, page_of
+
+    figures = figures_of(result)
+    for name, png in figures.items():
+        write_bytes(folder / f"{name}.png", png)
+    write_text(folder / _PAGE, page_of(result, figures))
+
+
+def _simulated(whole: FreeRunning) -> SimulatedTraffic:
+    """Give the whole drive the form for `ext.calibrate.compare`."""
+    from cornerforge.ext.calibrate.compare import SimulatedQuantity, SimulatedTraffic
+    from cornerforge.sim import statistics
+
+    quantities = {
+        name: SimulatedQuantity(grid.unit, grid.low, grid.width, counts)
+        for name, (grid, counts) in quantities_of([whole]).items()
+    }
+    return SimulatedTraffic(quantities, int(whole.total().totals[statistics.LANE_CHANGES]) / whole.miles)
+
+
+def _traffic(part: FreeRunning) -> dict[str, Any]:
+    """Describe one window: how much was counted, its distributions, and shares of bins for pictures."""
+    curves = {}
+    quantities = quantities_of([part])
+    for name, (grid, counts) in quantities.items():
+        if name in _CURVES:
+            shares = _shares(counts.sum(axis=0))
+            curves[name] = {"low": grid.low, "width": grid.width, "unit": grid.unit, "shares": shares}
+    speeds = sum(
+        (quantities[f"acceleration_{kind}"][1].sum(axis=1) for kind in ("following", "free")), np.zeros(41, int)
+    )
+    curves["speed"] = {"low": -0.5, "width": 1.0, "unit": "m/s", "shares": _shares(speeds)}
+    return {
+        "when": part.window.name,
+        "worlds": part.tests,
+        "miles": part.miles,
+        "vehicles_per_km": part.vehicles_per_km,
+        "distributions": as_json(distributions_of(part.total())),
+        "curves": curves,
+    }
+
+
+def _shares(counts: NDArray[np.int64]) -> list[float]:
+    return [float(f"{n / max(int(counts.sum()), 1):.4g}") for n in counts]
+
+
+def _traffic_notes(whole: FreeRunning, parts: list[FreeRunning]) -> list[str]:
+    """Return notes that a reader needs about the simulated traffic."""
+    notes = [
+        f"Free-running traffic: {whole.tests:,} worlds of {whole.window.until} s, {whole.miles:,.0f} vehicle-miles; "
+        f"in the windows of the drift {', '.join(f'{part.miles:,.0f} ({part.window.name})' for part in parts)}."
+    ]
+    enough = upper_rate(0, CRASH_LIMIT)
+    if whole.miles < enough:
+        notes.append(
+            f"With fewer than {enough:,.0f} vehicle-miles even no crash at all does not show that crashes between "
+            f"background vehicles are below {CRASH_LIMIT:g} per mile."
+        )
+    early, late = parts[0].vehicles_per_km, parts[-1].vehicles_per_km
+    if abs(late / max(early, 1e-9) - 1.0) > 0.05:
+        notes.append(
+            f"The counted stretch holds {late:.1f} vehicles per km at {parts[-1].window.name}, {early:.1f} before: its "
+            "traffic thins out or is cut off, and the later figures are not those of free-running traffic."
+        )
+    return notes
+
+
+def validation_text(result: NddValidated) -> str:
+    """What `ndd_validate` found, as a table for people."""
+    lines = [*_likelihood_lines(result), *_fact_lines(result), *_distance_lines(result)]
+    lines += [f"Note: {note}" for note in result.notes]
+    if result.report is not None:
+        lines.append(f"Report: {result.report}")
+    return "\n".join([*lines, "Passed." if result.passed else "NOT passed."])
+
+
+def _likelihood_lines(result: NddValidated) -> list[str]:
+    from cornerforge.ext.calibrate.validate import GATED_PARTS, GATES
+
+    lines = ["Log-likelihood per decision; model minus baseline with 95 % interval"]
+    for name, parts in result.log_likelihood_per_decision.items():
+        for part, score in parts.items():
+            far = result.distances.acceleration[name][part]
+            lines.append(
+                f"{name}, {part}: {score.model:.3f} ({score.decisions:,} decisions, {score.vehicles:,} "
+                f"vehicles); accelerations: Wasserstein {far.wasserstein:.3f} m/s2, "
+                f"Kolmogorov-Smirnov {far.kolmogorov_smirnov:.3f}"
+            )
+            for baseline, versus in score.model_minus.items():
+                low, high = versus.interval95
+                value = score.baselines[baseline]
+                worse = "  NOT BETTER" if part in GATED_PARTS and baseline in GATES and low <= 0.0 else ""
+                numbers = f"{value:>8.3f}{versus.difference:>+9.3f}  ({low:+.3f} to {high:+.3f})"
+                lines.append(f"  {baseline:<10}{numbers}{worse}")
+    return lines
+
+
+def _fact_lines(result: NddValidated) -> list[str]:
+    lines = []
+    for name, theme in result.themes.items():
+        facts = [fact for fact in result.facts if fact.theme == name]
+        if not facts:
+            continue
+        lines.append(f"{theme.title}. {theme.meaning}")
+        lines += _window_lines(facts) if name == "drift" else [_fact_line(fact) for fact in facts]
+    return lines
+
+
+def _window_lines(facts: Sequence[FactFound]) -> list[str]:
+    """One line for each quantity, with what was found in each window."""
+    whens = list(dict.fromkeys(fact.when for fact in facts))
+    head = f"  {'found at (! outside what is allowed)':<58}" + "".join(f"{when:>11}" for when in whens)
+    lines = [f"{head}  {'least n':>9}  {'allowed':<20}published"]
+    for name in dict.fromkeys(fact.fact for fact in facts):
+        same = [fact for fact in facts if fact.fact == name]
+        cells = "".join(f"{_number(fact.found) + '!' * (fact.within is False):>11}" for fact in same)
+        one, n = same[0], min(fact.n for fact in same)
+        lines.append(
+            f"  {f'{name} {one.unit}':<58}{cells}  {n:>9,}  {_allowed(one):<20}{_published(one.published)}".rstrip()
+        )
+    return lines
+
+
+def _number(value: float | None) -> str:
+    return "none" if value is None else f"{value:.3g}"
+
+
+def _allowed(fact: FactFound) -> str:
+    return "shown only" if fact.allowed is None else "{:.3g} to {:.3g}".format(*fact.allowed)
+
+
+def _published(value: float | tuple[float, float] | None) -> str:
+    if value is None:
+        return "-"
+    return f"{value[0]:g}-{value[1]:g}" if isinstance(value, tuple) else f"{value:g}"
+
+
+def _fact_line(fact: FactFound) -> str:
+    interval = "" if fact.interval95 is None else "({:.3g} to {:.3g})".format(*fact.interval95)
+    verdict = "  OUTSIDE" if fact.within is False else ""
+    return (
+        f"  {f'{fact.fact} {fact.unit}':<68}{fact.when:<9}{_number(fact.found):>9} {interval:<24}n {fact.n:<9,}"
+        f"{_allowed(fact):<20}{_published(fact.published)}".rstrip()
+        + verdict
+    )
+
+
+def _distance_lines(result: NddValidated) -> list[str]:
+    """Recorded against simulated traffic at the same speeds, from 19.5 m/s on; why not, where not."""
+    lines = ["Recorded against simulated traffic at the same speeds, from 19.5 m/s on"]
+    for name in result.log_likelihood_per_decision:
+        reasons: dict[str, list[str]] = {}
+        for one in fields(result.distances):
+            if one.name == "acceleration":
+                continue
+            row = getattr(result.distances, one.name)[name]
+            for reason in (row.not_compared, getattr(row, "caution", None)):
+                if reason is not None:
+                    reasons.setdefault(reason, []).append(one.name)
+            if row.not_compared is None:
+                lines.append(f"  {name}, {one.name}: {_distance_text(row)}")
+        lines += [f"  {name}, {', '.join(quantities)}: {reason}" for reason, quantities in reasons.items()]
+    return lines
+
+
+def _distance_text(row: RecordedQuantity | AcceptedGaps | RecordedTtc | LaneChangeRate) -> str:
+    """What was compared; the row must be of a quantity that was."""
+    if isinstance(row, LaneChangeRate):
+        return f"{row.recorded:.3g} ({row.simulated:.3g} simulated)"
+    if isinstance(row, RecordedTtc):
+        return "recorded (simulated) " + "; ".join(
+            f"{limit} s {share.recorded:.3g} ({share.simulated:.3g})" for limit, share in (row.shares or {}).items()
+        )
+    low, high = row.wasserstein_interval95 or (0.0, 0.0)
+    return (
+        f"Wasserstein {row.wasserstein:.3g} {row.unit} ({low:.3g} to {high:.3g}), Kolmogorov-Smirnov "
+        f"{row.kolmogorov_smirnov:.3f} ({row.decisions:,} observations, {row.vehicles:,} vehicles)"
+    )

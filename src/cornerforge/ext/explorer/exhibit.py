@@ -1,0 +1,342 @@
+"""What the explorer shows: the cases of its sources, one at a time or as columns. It knows nothing of HTTP."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from cornerforge.analysis.in_words import what_happened
+from cornerforge.errors import FileFormatError, InputError
+from cornerforge.ext.explorer.columns import CaseTable
+from cornerforge.ext.explorer.downloads import Shown, formats, made, packed
+from cornerforge.ext.explorer.notes import keep_note, notes_file, read_notes
+from cornerforge.ext.explorer.room import Room
+from cornerforge.ext.explorer.sources import Analysis, Source
+from cornerforge.ext.explorer.start import cards, headline_of
+from cornerforge.ext.explorer.state import State, UnknownKeyError
+from cornerforge.ext.explorer.words import KINDS, label_of
+from cornerforge.library import StoredCase
+from cornerforge.library.query import Asker
+from cornerforge.report import text
+from cornerforge.report.cases import case_data, first_shown, ghost
+from cornerforge.report.judged import JUDGED, WayOut, judgement_of
+from cornerforge.report.moments import partner_of
+from cornerforge.report.verdict import verdict
+from cornerforge.types import Scenario
+
+__all__ = ["Driving", "Exhibit", "Ghost"]
+
+
+@dataclass(frozen=True)
+class Ghost:
+    """What a reference driver does in the AV's place.
+
+    Attributes:
+        motion: From when it takes over, until the recording ends or it is touched.
+        prevents: Nobody touches it.
+        reacts_s: When it sees danger first, since the begin of the test [s]; None: never.
+    """
+
+    motion: WayOut
+    prevents: bool
+    reacts_s: float | None
+
+
+@dataclass(frozen=True)
+class Driving:
+    """What drives, given by the layer above; each function is called by one thread at a time.
+
+    Attributes:
+        drivers: Names of the reference drivers.
+        avs: Names of the AVs that can drive a case.
+        ghosts: The reference drivers in a case, by name.
+        with_av: The case as another AV drives it, the others as recorded: source, case, AV.
+        exports: Formats for other tools, each with what people read.
+        export: Files of a case in such a format, by their names.
+    """
+
+    drivers: tuple[str, ...]
+    avs: tuple[str, ...]
+    ghosts: Callable[[Source, StoredCase], Mapping[str, Ghost]]
+    with_av: Callable[[Source, StoredCase, str], Scenario]
+    exports: Mapping[str, str]
+    export: Callable[[Source, StoredCase, str], Mapping[str, bytes]]
+
+
+_WHOLE = re.compile(r"\s*(select|with|from)\b", re.IGNORECASE)
+"""Begins a whole SELECT; all else is a condition."""
+
+
+class Exhibit:
+    """The cases of some sources.
+
+    Args:
+        name: Of what is shown.
+        sources: Its libraries, each with its analysis if there is one.
+        driving: What drives.
+        warnings: Plain lines on what is damaged or missing.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        sources: Sequence[tuple[Source, Analysis | None]],
+        driving: Driving,
+        warnings: Sequence[str] = (),
+    ) -> None:
+        self.name = name
+        self.driving = driving
+        self.warnings = list(warnings)
+        self.work: dict[str, Any] | None = None
+        self._drives, self._asks, self._makes = Room("drives"), Room("questions in SQL"), Room("videos")
+        self._asker: tuple[CaseTable, Asker] | None = None
+        self._state = State.of(sources)
+
+    @property
+    def table(self) -> CaseTable:
+        """All cases, as they are known now."""
+        return self._state.table
+
+    def analysed(self, source: str, analysis: Analysis) -> None:
+        """Take up an analysis that has just been written; `revision` grows. For one thread."""
+        self._state = self._state.analysed(source, analysis)
+
+    # Each answer takes the state once: another may be there before it is done.
+
+    def about(self) -> dict[str, Any]:
+        """Make what /api/about says."""
+        state = self._state
+        table, shelves = state.table, list(state.shelves.values())
+        first = shelves[0].source.cases.identity
+        attack = [shelf.source for shelf in shelves if not shelf.source.natural]
+        counts = dict.fromkeys(state.shelves, 0) | _counts(table.table["source"])
+        return {
+            "name": self.name,
+            "av": str(first.get("av", "unknown")),
+            "version": str(first.get("cornerforge", "unknown")),
+            "headline": text.sentence(headline_of(state.sources)),
+            "adversary": str(attack[0].cases.identity.get("bv", "")) if attack else "",
+            "sources": [
+                {
+                    "name": shelf.source.name,
+                    "label": shelf.source.label,
+                    "cases": counts[shelf.source.name],
+                    "natural": shelf.source.natural,
+                    "replay": shelf.source.replay,
+                }
+                for shelf in shelves
+            ],
+            "revision": state.revision,
+            "work": self.work,
+            "avs": list(self.driving.avs),
+            "drivers": list(self.driving.drivers),
+            "downloads": [{"format": name, "label": label} for name, label in self._formats().items()],
+            "columns": [column.to_json() for column in table.columns],
+            "start": cards(state.sources, table),
+            "warnings": self.warnings,
+        }
+
+    def case(self, source: str, case_id: str) -> dict[str, Any]:
+        """Make what /api/case/SOURCE/CASE_ID says.
+
+        Raises:
+            UnknownKeyError: There is no such case.
+            FileFormatError: It lies in a damaged file.
+        """
+        return dict(self._shown(source, case_id).data)
+
+    def _shown(self, source: str, case_id: str) -> Shown:
+        state = self._state
+        shelf, row = state.find(source, case_id)
+        stored, way_out, told = shelf.stored(case_id), shelf.way_out(case_id), state.table.row(row)
+        data = case_data(f"{source}/{case_id}", stored.scenario, way_out)
+        known = "" if told.get("fault") is None else verdict(judgement_of({n: told.get(n) for n in JUDGED}, way_out))
+        data |= {
+            "key": f"{source}/{case_id}",
+            "title": _title(stored.scenario, told),
+            "verdict": text.sentence(known),
+            "facts": _facts(state.table, told),
+        }
+        return Shown(stored.scenario, way_out, data)
+
+    def ghosts(self, source: str, case_id: str) -> dict[str, Any]:
+        """Make what /api/case/SOURCE/CASE_ID/ghosts says.
+
+        Raises:
+            CornerForgeError: As of `case`; the case cannot be judged; or too many ask, or the server ends.
+        """
+        shelf, _ = self._state.find(source, case_id)
+        stored = shelf.stored(case_id)
+        with self._drives.turn():
+            found = self.driving.ghosts(shelf.source, stored)
+        first = first_shown(stored.scenario)
+        return {
+            "drivers": {
+                name: {
+                    "motion": ghost(stored.scenario, one.motion, first),
+                    "prevents": one.prevents,
+                    "reacts_s": one.reacts_s,
+                }
+                for name, one in found.items()
+            }
+        }
+
+    def case_with(self, source: str, case_id: str, av: str) -> dict[str, Any]:
+        """Make what /api/case/SOURCE/CASE_ID/with/AV says: the same case driven by another AV, others as recorded.
+
+        Raises:
+            UnknownKeyError: There is no such case or AV.
+            CornerForgeError: The case cannot be read or driven.
+        """
+        shelf, _ = self._state.find(source, case_id)
+        if av not in self.driving.avs:
+            raise UnknownKeyError(f"There is no AV {av[:80]!r} here; known: {', '.join(self.driving.avs)}.")
+        stored = shelf.stored(case_id)
+        with self._drives.turn():
+            scenario = self.driving.with_av(shelf.source, stored, av)
+        key = f"{source}/{case_id}@{av}"
+        first, struck = first_shown(stored.scenario), partner_of(stored.scenario)
+        partner = None if struck is None else int(stored.scenario.slot[struck])
+        data = case_data(key, scenario, first=min(first, len(scenario.x) - 1), partner=partner)
+        crashed = scenario.crash is not None and scenario.crash.slot_a == 0
+        seconds = "" if scenario.crash is None else f" after {scenario.crash.time:.1f} s"
+        title = f"{av}: " + (f"it crashes{seconds}" if crashed else "it does not crash")
+        return data | {"key": key, "title": title, "verdict": "", "facts": []}
+
+    def download(self, source: str, case_id: str, name: str) -> tuple[str, str, bytes]:
+        """Make a file of a case; videos one at a time, because each takes all cores.
+
+        Returns:
+            Media type, file name, and content.
+
+        Raises:
+            UnknownKeyError: There is no such case or format.
+            OutputError: The program that writes videos failed.
+            UnavailableError: Too many videos are being made, or the server ends.
+        """
+        shelf, _ = self._state.find(source, case_id)
+        if name not in (known := self._formats()):
+            raise UnknownKeyError(f"There is no format {name[:80]!r}; known: {', '.join(known)}.")
+        if name in self.driving.exports:
+            with self._drives.turn():
+                stored = shelf.source.cases.scenario(case_id)
+                return packed(f"{source}-{case_id.replace(':', '-')}", self.driving.export(shelf.source, stored, name))
+        shown = self._shown(source, case_id)
+        if name == "numbers":
+            media, content = made(shown, name)
+        else:
+            with self._makes.turn():
+                media, content = made(shown, name, self._makes.check)
+        ending = "json" if name == "numbers" else name
+        return media, f"{source}-{case_id.replace(':', '-')}.{ending}", content
+
+    def _formats(self) -> dict[str, str]:
+        """What can be made of a case, each with what people read."""
+        return {**formats(), **self.driving.exports}
+
+    def rows_where(self, where: str) -> bytes:
+        """Say which rows a condition in SQL holds for, or a whole SELECT names by `source` and `case_id`.
+
+        Returns:
+            One bit a row, the lowest first.
+
+        Raises:
+            InputError: The condition is wrong or forbidden, or takes too much time or memory.
+            MissingExtraError: DuckDB is not installed.
+            UnavailableError: Too many questions are being answered, or the server ends.
+        """
+        with self._asks.turn():
+            table = self._state.table
+            if self._asker is None or self._asker[0] is not table:
+                if self._asker is not None:
+                    self._asker[1].close()
+                self._asker = table, Asker(table.plain())
+                self._asks.check()  # `close` may have missed it
+            return _bits(self._asker[1], table, where)
+
+    def notes(self) -> dict[str, Any]:
+        """Make what /api/notes says.
+
+        Raises:
+            FileFormatError: A file of notes is damaged.
+        """
+        return {
+            f"{name}/{case}": one
+            for name, shelf in self._state.shelves.items()
+            for case, one in read_notes(notes_file(shelf.source.cases.path)).items()
+        }
+
+    def note(self, source: str, case_id: str, labels: Any, note: Any) -> dict[str, Any]:
+        """Keep labels and a note of a case; both empty: keep none.
+
+        Raises:
+            UnknownKeyError: There is no such case.
+            InputError: They are no texts, or too long.
+            FileFormatError, OutputError: The file of notes is damaged, or cannot be written.
+        """
+        shelf, _ = self._state.find(source, case_id)
+        return keep_note(notes_file(shelf.source.cases.path), case_id, labels, note)
+
+    def close(self) -> None:
+        """End what was started: who waits or works is told so, and SQL's process ends."""
+        for room in (self._drives, self._asks, self._makes):
+            room.close()
+        if self._asker is not None:
+            self._asker[1].close()
+
+
+def _facts(table: CaseTable, told: Mapping[str, Any]) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": column.name,
+            "label": label_of(column.name),
+            "value": _fact(told[column.name]),
+            "unit": column.unit,
+            "meaning": column.meaning,
+        }
+        for column in table.columns
+        if column.name not in ("source", "case_id")
+    ]
+
+
+def _bits(asker: Asker, table: CaseTable, where: str) -> bytes:
+    if not where.strip():
+        raise InputError("The condition is empty.")
+    is_whole = _WHOLE.match(where) is not None
+    names, rows = asker.ask(where if is_whole else f"SELECT source, case_id FROM cases WHERE (\n{where}\n)")
+    if not {"source", "case_id"} <= set(names):
+        raise InputError("A SELECT must give the columns source and case_id; or write a condition only.")
+    of, case = names.index("source"), names.index("case_id")
+    chosen = np.zeros(table.table.num_rows, np.bool_)
+    for row in rows:
+        at = table.rows.get((str(row[of]), str(row[case])))
+        if at is not None:
+            chosen[at] = True
+    return np.packbits(chosen, bitorder="little").tobytes()
+
+
+def _counts(source: pa.ChunkedArray) -> dict[str, int]:
+    return {str(one["values"]): int(one["counts"]) for one in source.value_counts().to_pylist()}
+
+
+def _fact(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return "infinite" if value > 0.0 else "minus infinite" if value < 0.0 else None
+    return value
+
+
+def _title(scenario: Scenario, told: Mapping[str, Any]) -> str:
+    """Say in one line what happens in a case."""
+    kind = told.get("mechanism")
+    try:
+        happened = what_happened(scenario)
+    except (InputError, FileFormatError):
+        happened = str(told.get("crash_type") or "a crash")
+    words = KINDS[kind][1].removesuffix(".") if kind in KINDS else ""
+    return text.sentence(f"{words} ({happened})" if words and words != happened else happened)

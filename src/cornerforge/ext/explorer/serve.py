@@ -1,0 +1,343 @@
+"""`serve` shows the cases of a run, or of a library, in the browser."""
+
+from __future__ import annotations
+
+import contextlib
+import shlex
+import tempfile
+import threading
+import webbrowser
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cornerforge._arguments import checked
+from cornerforge._files import below, real_path
+from cornerforge.drivers.avs import AVS
+from cornerforge.drivers.careful import CAREFUL
+from cornerforge.errors import CornerForgeError, FileFormatError, InputError, MissingExtraError
+from cornerforge.experiment.output import SUMMARY, is_finished_run, read_json_file
+from cornerforge.ext.interchange.beside import analysis_beside, own_folder
+from cornerforge.ext.interchange.export import EXPORTS, CaseWriter, has_rerun
+from cornerforge.library import CaseLibrary, StoredCase
+from cornerforge.library.manifest import MANIFEST
+from cornerforge.library.natural import is_natural, natural_weights
+from cornerforge.results.whole import Served
+
+if TYPE_CHECKING:
+    from cornerforge.ext.explorer import Analysis, Driving, Exhibit, Ghost, Source
+    from cornerforge.sim import Script, ScriptDriver
+    from cornerforge.types import Scenario
+
+__all__ = ["serve"]
+
+_LABELS = {"natural": "Natural traffic", "adversary": "Made by the adversary", "scripted": "Scripted cases"}
+_IDLE_S = 2.0
+"""So long after the page's first questions, kernels are loaded [s]: before, they would only slow the answers down."""
+_ENDS_S = 3.0
+"""So long is waited for what is done behind the page, when the server ends [s]."""
+
+
+def _silent(served: Served) -> None:
+    pass
+
+
+@checked
+def serve(
+    place: Path | str,
+    *,
+    host: str = "127.0.0.1",
+    port: int | None = None,
+    avs: Sequence[str] = (),
+    open_browser: bool = False,
+    threads: int | None = None,
+    up: Callable[[Served], None] = _silent,
+) -> Served:
+    """Show the cases of a run or of a library in the browser, until Ctrl-C.
+
+    A library without an analysis beside it is analysed in the background, into the folder LIB-analysis.
+
+    Args:
+        place: A folder of `run` or `rate`, or a library.
+        host: Where it listens. Anything else than this machine's loopback needs a token, which is in the address.
+        port: 0 for any free one; None: 8157, or the next that is free.
+        avs: AVs that cases can be driven with for comparison, besides the built-in ones.
+        open_browser: Open the address in the browser.
+        threads: Of the analysis; None for all cores.
+        up: Told once when the page can be opened.
+
+    Returns:
+        What `cornerforge serve --json` prints, when it has ended.
+
+    Raises:
+        CornerForgeError: There is nothing to show, the port is taken, or the page is not built.
+    """
+    try:
+        from cornerforge.ext.explorer import Exhibit, open_door, serve_exhibit
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(str(error.name), "explorer") from error
+    given = Path(place)
+    given = real_path(given)  # . and .. have no name, and a command that is copied holds from any folder
+    found = _sources(given)
+    driving = _driving(avs, found[0].source)
+    warnings = _warnings(given, found)
+    door = open_door(host, port)
+    exhibit = Exhibit(given.name, [(one.source, one.analysis) for one in found], driving, warnings)
+    served = Served(
+        url=door.url, host=door.host, port=door.port, usual_port=door.usual, token=door.token is not None,
+        cases=exhibit.table.table.num_rows, sources=tuple(one.source.name for one in found),
+    )  # fmt: skip
+    stopping = threading.Event()
+    behind = threading.Thread(
+        target=_behind, args=(exhibit, found, threads, stopping), daemon=True, name="cornerforge-analysis"
+    )
+
+    def begin() -> None:
+        behind.start()
+        up(served)
+        if open_browser:
+            webbrowser.open(served.url)
+
+    try:
+        serve_exhibit(exhibit, door, begin)
+    finally:
+        stopping.set()
+        if behind.ident is not None:
+            behind.join(_ENDS_S)  # a thread that the program cuts off within C++ would end it by abort()
+    return served
+
+
+@dataclass
+class _Found:
+    """A library, its analysis if there is one, and the folder in which one would be made."""
+
+    source: Source
+    analysis: Analysis | None
+    folder: Path
+
+
+def _sources(place: Path) -> list[_Found]:
+    """Find the libraries of a folder, whose path is resolved, natural crashes first.
+
+    Raises:
+        InputError: There is none, or none holds a case.
+        FileFormatError: One is damaged.
+    """
+    from cornerforge.ext.explorer import Source, read_analysis
+
+    if (place / MANIFEST).exists():
+        libraries = [place]
+    else:
+        natural = [place / "natural" / "weighted", place / "natural" / "library", place / "weighted"]
+        libraries = [one for one in (*natural, place / "library") if (one / MANIFEST).exists()]
+    if not libraries:
+        raise InputError(
+            f"{place} is no folder of run or rate and no library of cases; name one that cornerforge run, rate --out "
+            "or generate made."
+        )
+    found: dict[str, _Found] = {}
+    for library in libraries:
+        cases = CaseLibrary.open(library)
+        if len(cases) == 0:
+            continue
+        on_road = is_natural(cases) and not cases.scripted  # a script is driven, not met on the road
+        weights = natural_weights(cases) if on_road else None
+        name = "natural" if on_road else "scripted" if cases.scripted else "adversary"
+        if name in found:
+            continue
+        replay = f"cornerforge replay {shlex.quote(str(library))}"
+        source = Source(name, _LABELS[name], cases, on_road, weights, replay)
+        beside = analysis_beside(cases)
+        analysis = None if beside is None else read_analysis(beside, cases.path)
+        found[name] = _Found(source, analysis, beside or own_folder(library))
+    if not found:
+        raise InputError(f"There is no case in {place} yet; fill a library with: cornerforge generate, or rate --out")
+    return list(found.values())
+
+
+def _warnings(place: Path, found: Sequence[_Found]) -> list[str]:
+    """Say what of a folder is damaged, missing or to be doubted."""
+    lines = [line for one in found for line in (*one.source.cases.damaged, *_fault_of_notes(one.source))]
+    lines += [line for one in found if one.source.natural for line in _doubts(one.source)]
+    return lines + _absent(place)
+
+
+def _absent(place: Path) -> list[str]:
+    """Say which libraries of a folder are gone: a finished run says which it had."""
+    if (place / MANIFEST).exists():
+        return []
+    wanted: list[tuple[Path, ...]] = [(place / "library",)] if (place / "library").exists() else []
+    if is_finished_run(place):
+        try:
+            said = read_json_file(place / SUMMARY)
+        except FileFormatError as error:
+            return [str(error)]
+        wanted = [(place / "library",)]
+        if said.get("natural_cases") is not None:
+            wanted.append((place / "natural" / "weighted", place / "natural" / "library"))
+    return [
+        f"{libraries[-1]} is no library of cases any more, so its cases are missing here; restore it from a copy."
+        for libraries in wanted
+        if not any((one / MANIFEST).exists() for one in libraries)
+    ]
+
+
+def _behind(exhibit: Exhibit, found: Sequence[_Found], threads: int | None, stopping: threading.Event) -> None:
+    """Load the kernels that answers need, then analyse what is not analysed; for a thread of its own."""
+    from cornerforge.ext.explorer import read_analysis
+    from cornerforge.verbs.analyse import analyse
+
+    bare = [one for one in found if one.analysis is None]
+    if bare:  # said at once, so that the page asks again
+        exhibit.work = {"what": "analyse", "done": 0, "total": len(bare[0].source.cases)}
+    stopping.wait(_IDLE_S)
+    for one in bare:
+        if stopping.is_set():
+            return
+
+        def progress(stage: str, done: float, total: float) -> None:
+            if stopping.is_set():
+                raise KeyboardInterrupt
+            exhibit.work = {"what": stage, "done": done, "total": total}
+
+        progress("analyse", 0, len(one.source.cases))
+        try:
+            with below(str(one.folder.parent)):  # its name is ours, so a link there is a stranger's
+                analyse(one.source.cases.path, out=one.folder, threads=threads, progress=progress)
+            exhibit.analysed(one.source.name, read_analysis(one.folder, one.source.cases.path))
+        except CornerForgeError as error:
+            exhibit.warnings.append(f"There is no analysis: {error}")
+        except Exception as error:  # a bug; the page goes on, and says so
+            line = " ".join(str(error).split())[:200]
+            exhibit.warnings.append(f"There is no analysis, by a fault of cornerforge: {type(error).__name__}: {line}")
+        except KeyboardInterrupt:
+            return
+        finally:
+            exhibit.work = None
+    if not stopping.is_set():
+        _warm_up(exhibit, found)
+
+
+def _warm_up(exhibit: Exhibit, found: Sequence[_Found]) -> None:
+    """Ask once what needs files or kernels, so that the first person who asks need not wait."""
+    for one in found:
+        source = one.source
+        case = exhibit.table.first_of(source.name)
+        own = str(source.cases.identity["av"])
+        for ask in (exhibit.case, exhibit.ghosts, lambda name, of, av=own: exhibit.case_with(name, of, av)):
+            with contextlib.suppress(Exception):  # who asks for it will be told
+                ask(source.name, case)
+
+
+def _driving(avs: Sequence[str], source: Source) -> Driving:
+    """Make what drives for the explorer.
+
+    Args:
+        avs: AVs of the user's own; that each can be had is checked with the library of `source`.
+        source: One of the sources.
+
+    Raises:
+        CornerForgeError: There is no such AV, or the library does not say with what it was made.
+    """
+    from cornerforge.ext.explorer import Driving
+
+    others = _Others()
+    for av in avs:
+        others.made(source, av)
+    exports = {name: label for name, label in EXPORTS.items() if name != "rerun" or has_rerun()}
+    return Driving(
+        tuple(CAREFUL), tuple(dict.fromkeys((*AVS, *avs))), _ghosts, others.drive, exports, _Exports().files
+    )  # fmt: skip
+
+
+def _fault_of_notes(source: Source) -> list[str]:
+    from cornerforge.ext.explorer.notes import notes_file, read_notes
+
+    try:
+        read_notes(notes_file(source.cases.path))
+    except FileFormatError as error:
+        return [str(error)]
+    return []
+
+
+def _doubts(source: Source) -> list[str]:
+    """Say why the rates of natural cases cannot be trusted yet; nothing if they can."""
+    from cornerforge.report.artefacts import rate_beside
+
+    rate = rate_beside(source.cases.path)
+    if rate is None or not rate.doubts:
+        return []
+    return [f"How often crashes happen is not to be trusted yet: {'; '.join(rate.doubts)}."]
+
+
+def _ghosts(source: Source, stored: StoredCase) -> Mapping[str, Ghost]:
+    from cornerforge.analysis.avoidability import AvoidParams
+    from cornerforge.analysis.prevented import driven_by
+    from cornerforge.ext.explorer import Ghost
+    from cornerforge.report.judged import WayOut
+
+    scenario = stored.scenario
+    params = AvoidParams(steers=bool(source.cases.identity.get("av_steers")))
+    crash = 0.0 if scenario.crash is None else scenario.crash.time
+    return {
+        name: Ghost(
+            motion=WayOut(one.begin_s, *np.ascontiguousarray(one.track.T)),
+            prevents=one.prevented.prevented,
+            reacts_s=None if one.prevented.reacts_s is None else round(crash - one.prevented.reacts_s, 1),
+        )
+        for name, one in driven_by(scenario, params).items()
+    }
+
+
+class _Exports:
+    """Writes stored cases for other tools; one at a time, since it keeps its writers."""
+
+    def __init__(self) -> None:
+        self._writers: dict[tuple[str, str], CaseWriter] = {}
+
+    def files(self, source: Source, stored: StoredCase, to: str) -> Mapping[str, bytes]:
+        """Give the files of a case in a format, by name.
+
+        Raises:
+            CornerForgeError: It cannot be written in that format.
+        """
+        key = source.name, to
+        if key not in self._writers:
+            self._writers[key] = CaseWriter(source.cases, to)
+        with tempfile.TemporaryDirectory() as folder:
+            names = self._writers[key].write(str(stored.scalars["case_id"]), stored, Path(folder))
+            return {name: (Path(folder) / name).read_bytes() for name in names}
+
+
+class _Others:
+    """Drives stored cases with other AVs, the others as recorded; one at a time, since it keeps its drivers."""
+
+    def __init__(self) -> None:
+        self._drivers: dict[tuple[str, str], tuple[Callable[[StoredCase], Script], ScriptDriver]] = {}
+
+    def made(self, source: Source, av: str) -> tuple[Callable[[StoredCase], Script], ScriptDriver]:
+        """Give what makes scripts of a source's cases, and what drives them with an AV.
+
+        Raises:
+            CornerForgeError: There is no such AV, or the library cannot be driven again.
+        """
+        from cornerforge.verbs.stored_cases import StoredScripts, run_with
+        from cornerforge.world_options import WorldOptions
+
+        key = source.name, av
+        if key not in self._drivers:
+            run = run_with(source.cases, WorldOptions(), av)
+            self._drivers[key] = StoredScripts(source.cases, run).of, run.script_driver()
+        return self._drivers[key]
+
+    def drive(self, source: Source, stored: StoredCase, av: str) -> Scenario:
+        """Drive a case.
+
+        Raises:
+            CornerForgeError: As `made`, or the AV failed.
+        """
+        script, driver = self.made(source, av)
+        return driver.record(script(stored))[0]

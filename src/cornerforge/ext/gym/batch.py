@@ -1,0 +1,421 @@
+"""Batches of worlds that an agent drives, shared by single and vector environments."""
+
+from __future__ import annotations
+
+import itertools
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_integer
+from cornerforge._words import shown
+from cornerforge.errors import InputError, UnknownNameError
+from cornerforge.experiment.setting import Experiment
+from cornerforge.ext.gym.misuse import ClosedError, ResetNeededError
+from cornerforge.ext.gym.spaces import av_commands
+from cornerforge.foreign.collector import Group
+from cornerforge.sim import (
+    AV_CRASH,
+    AV_FAULT,
+    BV_CRASH,
+    COMPLETED,
+    FINISHED,
+    OUTSIDE,
+    RUNNING,
+    TIME_UP,
+    TOLD,
+    Actors,
+    CrashCases,
+    RewardNumbers,
+    Scratch,
+    Verdict,
+    World,
+    agents,
+    allocate_history,
+    allocate_scratch,
+    keep_nothing,
+    naming_tests,
+    warn_of_left_out,
+)
+from cornerforge.types import FRAME_S
+
+__all__ = ["FIRST_TEST", "OUTCOMES", "AvBatch", "Batch", "BvBatch", "check_seed", "numbers_of", "read_options"]
+
+FIRST_TEST = 1 << 40
+"""Number of the first test after `reset(seed=...)`: where training takes its tests too, far from those that `simulate`,
+`generate` and evaluations drive, so that nothing is measured on what an agent learnt from."""
+MAX_TEST = 1 << 62
+OUTCOMES = {
+    COMPLETED: "completed",
+    AV_CRASH: "av-crash",
+    BV_CRASH: "bv-crash",
+    TIME_UP: "time-up",
+    agents.NOBODY_LEFT: "nobody-left",
+    AV_FAULT: "av-fault",
+}
+"""How a test ends: the AV drove its length; the AV crashed; the controlled BV crashed with another BV; the time limit;
+no BV is left; an AV from outside raised, hung, or gave no usable answer, and the test does not count."""
+_WORLDS_PER_THREAD = 64
+"""Least number of worlds for each thread."""
+
+
+def check_seed(seed: Any) -> int:
+    """Return a seed that may name tests.
+
+    Raises:
+        InputError: It is no whole number from 0 to 2^63 - 1.
+    """
+    return check_integer("seed", seed, low=0, high=2**63 - 1)
+
+
+def read_options(options: Mapping[str, Any] | None, known: Sequence[str]) -> dict[str, Any]:
+    """A copy of the options of `reset`.
+
+    Raises:
+        InputError: They are no dictionary.
+        UnknownNameError: One is not known.
+    """
+    if options is None:
+        return {}
+    if not isinstance(options, Mapping):
+        raise InputError(f"options = {shown(options)} is not allowed; give None or a dictionary.")
+    for name in options:
+        if name not in known:
+            raise UnknownNameError("option of reset", name, known)
+    return dict(options)
+
+
+def numbers_of(actions: object) -> NDArray[Any]:
+    """Make an array of what was given as actions; of what is no array, such as a ragged list, one of objects.
+
+    >>> numbers_of([1, 2]).dtype.kind, numbers_of([[1], [1, 2]]).dtype.kind
+    ('i', 'O')
+    """
+    try:
+        return np.asarray(actions)
+    except ValueError:
+        return np.array(None, dtype=object)
+
+
+class Batch(ABC):
+    """B worlds, each with its own seed and running test.
+
+    Args:
+        run: The world; `run.setting` is used as it is.
+        n: B.
+        threads: Number of threads that share the worlds; None for all cores, but no fewer than 64 worlds each.
+            Changes no result.
+
+    Attributes:
+        run: As given.
+        seeds, tests: Seed and number of each world's test, int64 (B,).
+        is_seeded: Worlds whose seed was given or drawn, bool (B,).
+        is_over: Worlds without a running test, bool (B,).
+        outcome: int64 (B,), codes as in OUTCOMES, 0 while running.
+        worlds: Their states.
+    """
+
+    observation: NDArray[np.float32]
+    reward: NDArray[np.float64]
+
+    def __init__(
+        self, run: Experiment, n: int, threads: int | None, cores: int, driven: agents.BvAgents | agents.AvAgents
+    ) -> None:
+        self.run = run
+        self.n = n
+        self.worlds: World = driven.worlds
+        self.seeds, self.tests, self.outcome = driven.seeds, driven.tests, driven.outcome
+        self.tests[:] = FIRST_TEST - 1
+        self.is_seeded = np.zeros(n, dtype=np.bool_)
+        self.is_over = np.ones(n, dtype=np.bool_)
+        wished = cores if threads is None else check_integer("threads", threads, low=1, high=1024)
+        most = n if threads is not None else n // _WORLDS_PER_THREAD
+        count = max(1, min(wished, most))
+        edges = [n * k // count for k in range(count + 1)]
+        self._parts = list(itertools.pairwise(edges))
+        self._scratch = [allocate_scratch(run.slots, run.setting.who.policy) for _ in self._parts]
+        self._keep = keep_nothing(run.slots)
+        self._pool = ThreadPoolExecutor(count) if count > 1 else None
+        self._is_closed = self._is_busy = False
+
+    def _share(self, work: Callable[[int, int, Scratch, int], None]) -> None:
+        """Let the threads work on their ranges of worlds: `work(begin, end, scratch, number)`."""
+        if self._pool is None:
+            work(0, self.n, self._scratch[0], 0)
+        else:
+            waiting = [
+                self._pool.submit(work, begin, end, self._scratch[k], k) for k, (begin, end) in enumerate(self._parts)
+            ]
+            for future in waiting:
+                future.result()
+        for scratch in self._scratch:
+            warn_of_left_out(scratch)
+
+    def close(self) -> None:
+        """End the threads; a second call does nothing."""
+        self._is_closed = True
+        if self._pool is not None:
+            self._pool.shutdown()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy takes over.
+
+        Raises:
+            InputError: Threads or processes work on the worlds, and they cannot be copied.
+        """
+        if self._pool is not None or self.run.foreign is not None:
+            raise InputError(
+                "An environment with several threads, or with an AV from outside, cannot be copied; make another one."
+            )
+        return vars(self)
+
+    def check_open(self) -> None:
+        """Check that the worlds can be used now.
+
+        Kernels run beside Python, so that a second thread could look at worlds, or move them, while the first one does.
+
+        Raises:
+            ClosedError: `close` was called.
+            InputError: Another thread is at work.
+        """
+        if self._is_closed:
+            raise ClosedError("The environment is closed; make another one.")
+        if self._is_busy:
+            raise InputError("Another thread is using this environment now; give each thread one of its own.")
+
+    def check_begun(self) -> None:
+        """Check that there is something to see in each world.
+
+        Raises:
+            ClosedError: `close` was called.
+            InputError: Another thread is at work.
+            ResetNeededError: A world has not had a test yet.
+        """
+        self.check_open()
+        if not self.is_seeded.all():
+            raise ResetNeededError("No test has begun; call reset() first.")
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Keep other threads out (`check_open`)."""
+        self._is_busy = True
+        try:
+            yield
+        finally:
+            self._is_busy = False
+
+    def name(self, b: int, seed: int | None, test: int | None, draw: Callable[[], int]) -> None:
+        """Set the test that world b begins next: of another seed, of another number, or the next of its own.
+
+        Args:
+            b: The world.
+            seed: A seed, after which tests count from FIRST_TEST on; None to go on.
+            test: A test number; None for the next.
+            draw: Function that gives a seed when none was ever given.
+        """
+        if seed is not None or not self.is_seeded[b]:
+            self.seeds[b] = check_seed(draw() if seed is None else seed)
+            self.tests[b] = FIRST_TEST - 1
+            self.is_seeded[b] = True
+        self.tests[b] = self.tests[b] + 1 if test is None else check_integer("test", test, low=0, high=MAX_TEST)
+
+    def begin(self, chosen: NDArray[np.bool_]) -> None:
+        """Put the chosen worlds, bool (B,), at the start of the tests that `tests` names.
+
+        Raises:
+            InputError: A test and many after it have no BV to control.
+            UndrawableError: The traffic of a test cannot be drawn.
+        """
+        with self._alone(), naming_tests(self.worlds):
+            self.is_over[chosen] = True
+            self._start(chosen)
+        self.outcome[chosen] = RUNNING
+        self.is_over[chosen] = False
+        self.reward[chosen] = 0.0
+
+    def step(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None:
+        """One decision of the chosen worlds, none of which may be over; `actions` are checked, of shape (B, ...)."""
+        with self._alone():
+            self._advance(actions, chosen)
+            self._note_ends(chosen)
+
+    def _note_ends(self, chosen: NDArray[np.bool_]) -> None:
+        self.is_over[chosen] = self.outcome[chosen] != RUNNING
+
+    def case(self, b: int) -> str:
+        """Give the name of world b's test, `seed:test`."""
+        return f"{self.seeds[b]}:{self.tests[b]}"
+
+    def time(self) -> NDArray[np.float64]:
+        """Give the times at which the tests ended [s], (B,); meaningless where they run."""
+        return np.asarray(np.round(self.worlds.state["frame"][:, 0] * FRAME_S, 1))
+
+    @property
+    @abstractmethod
+    def truncated(self) -> NDArray[np.bool_]:
+        """Mark worlds whose test was cut off, bool (B,): Gymnasium's `truncated`."""
+
+    @abstractmethod
+    def extra(self) -> dict[str, NDArray[Any]]:
+        """Give further entries of `info` for the present moment: fresh arrays with a leading axis B."""
+
+    @abstractmethod
+    def acted(self) -> dict[str, NDArray[Any]]:
+        """Give further entries of `info` after a step: fresh arrays (B,)."""
+
+    @abstractmethod
+    def _start(self, chosen: NDArray[np.bool_]) -> None: ...
+
+    @abstractmethod
+    def _advance(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None: ...
+
+
+class BvBatch(Batch):
+    """Worlds in which the agent is the BV nearest to the AV.
+
+    Args:
+        run, n, threads, cores: As for `Batch`.
+        reward: Which crashes give the agent its reward.
+        verdict: Which crashes are paid for, under a reward that is judged by cases.
+
+    Attributes:
+        observation: float32 (B, N_OBSERVATION).
+        allowed: Action mask, bool (B, 33).
+    """
+
+    def __init__(
+        self, run: Experiment, n: int, threads: int | None, cores: int, reward: RewardNumbers,
+        verdict: Verdict | None = None,
+    ) -> None:  # fmt: skip
+        self._agents = agents.allocate_bv_agents(n, run.slots)
+        super().__init__(run, n, threads, cores, self._agents)
+        self._setting = run.setting.with_drivers(critical=TOLD)
+        self._pays = reward
+        self._cases = None if verdict is None else CrashCases(self._setting, run.slots, verdict)
+        done = allocate_history(n, run.setting, run.slots)
+        scratch = (allocate_history(0, run.setting, run.slots) for _ in self._parts[1:])
+        self._histories = [done, *(own._replace(action=done.action, crashed=done.crashed) for own in scratch)]
+        self._outside = None
+        if run.foreign is not None:
+            none = np.zeros((n, 0), dtype=np.float32), self._agents.allowed, np.zeros(1, dtype=FINISHED)
+            actors = Actors(self._agents.worlds, done, *none)
+            self._outside = Group(run.foreign, self._setting, run.slots, actors, np.arange(n), n)
+        self.observation, self.allowed, self.reward = (
+            self._agents.observation,
+            self._agents.allowed,
+            self._agents.reward,
+        )
+
+    @property
+    def truncated(self) -> NDArray[np.bool_]:
+        """Mark worlds that the time limit, or a fault of an AV from outside, cut off."""
+        return np.asarray((self.outcome == TIME_UP) | (self.outcome == AV_FAULT))
+
+    def extra(self) -> dict[str, NDArray[Any]]:
+        """The action mask."""
+        return {"action_mask": self.allowed.copy()}
+
+    def acted(self) -> dict[str, NDArray[Any]]:
+        """The action carried out."""
+        return {"action": self._agents.action.copy()}
+
+    def close(self) -> None:
+        """End the threads, and the processes of an AV from outside."""
+        super().close()
+        if self._outside is not None and self.run.foreign is not None:
+            self._outside.close()
+            self.run.foreign.close()
+
+    def _start(self, chosen: NDArray[np.bool_]) -> None:
+        self._agents.chosen[:] = chosen
+
+        def work(begin: int, end: int, s: Scratch, k: int) -> None:  # noqa: ARG001
+            agents.start_as_bv(begin, end, self._setting, self._agents, s)
+
+        self._share(work)
+        self._histories[0].answered[chosen] = 0
+
+    def _advance(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None:
+        self._agents.chosen[:] = chosen
+        self._agents.action[:] = actions
+        if self._outside is not None:
+            done, s = self._histories[0], self._scratch[0]
+            agents.begin_step_as_bv(0, self.n, self._agents, done)
+            self._outside.drive_second(np.flatnonzero(chosen))
+            agents.end_step_as_bv(0, self.n, self._setting, self._pays, self._agents, done, s)
+            warn_of_left_out(s)
+        else:
+
+            def work(begin: int, end: int, s: Scratch, k: int) -> None:
+                own = self._histories[k]
+                agents.step_as_bv(begin, end, self._setting, self._pays, self._agents, own, s, self._keep)
+
+            self._share(work)
+        if self._cases is not None:
+            self.reward[self._cases.judge(self.worlds, self._histories[0])] = 1.0
+
+
+class AvBatch(Batch):
+    """Worlds in which the agent is the AV.
+
+    Args:
+        run, n, threads, cores: As for `Batch`; `run.setting.road.av_substeps` is 1, 2, 5 or 10.
+        box: Actions are pairs of numbers instead of indices (`spaces.av_commands`).
+
+    Attributes:
+        observation: float32 (B, VIEW_ROWS, VIEW_COLUMNS).
+    """
+
+    def __init__(self, run: Experiment, n: int, threads: int | None, cores: int, *, box: bool) -> None:
+        self._agents = agents.allocate_av_agents(n, run.slots)
+        super().__init__(run, n, threads, cores, self._agents)
+        self._setting = run.setting.with_drivers(av=OUTSIDE)
+        self._box = box
+        self.observation = self._agents.seen
+        self.reward = np.zeros(n)
+
+    @property
+    def truncated(self) -> NDArray[np.bool_]:
+        """Mark worlds that the time limit or a crash between BVs cut off."""
+        return np.asarray((self.outcome == TIME_UP) | (self.outcome == BV_CRASH))
+
+    def extra(self) -> dict[str, NDArray[Any]]:
+        """Nothing."""
+        return {}
+
+    def acted(self) -> dict[str, NDArray[Any]]:
+        """Metres driven in this step."""
+        return {"metres": self._agents.metres.copy()}
+
+    def _start(self, chosen: NDArray[np.bool_]) -> None:
+        self._agents.chosen[:] = chosen
+
+        def work(begin: int, end: int, s: Scratch, k: int) -> None:  # noqa: ARG001
+            agents.start_as_av(begin, end, self._setting, self._agents, s)
+
+        self._share(work)
+
+    def _advance(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None:
+        command, order = av_commands(actions, box=self._box)
+        self._drive(command, order, chosen)
+
+    def drive(self, command: NDArray[np.float64], order: NDArray[np.int64], chosen: NDArray[np.bool_]) -> None:
+        """As `step`, by acceleration [m/s2] and lane order (`sim.actions.ordered_lane`), each of shape (B,)."""
+        self._drive(command, order, chosen)
+        self._note_ends(chosen)
+
+    def _drive(self, command: NDArray[np.float64], order: NDArray[np.int64], chosen: NDArray[np.bool_]) -> None:
+        self._agents.chosen[:] = chosen
+        self._agents.command[:] = command
+        self._agents.order[:] = order
+
+        def work(begin: int, end: int, s: Scratch, k: int) -> None:  # noqa: ARG001
+            agents.drive_on_as_av(begin, end, self._setting, self._agents, s, self._keep)
+
+        self._share(work)
+        self.reward[:] = self._agents.metres / self.run.setting.road.test_length - (self.outcome == AV_CRASH)

@@ -1,0 +1,184 @@
+"""`export` writes cases of a library for other tools."""
+
+from __future__ import annotations
+
+import importlib.util
+import itertools
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cornerforge._arguments import checked
+from cornerforge._checks import check_in
+from cornerforge._files import real_path
+from cornerforge._locks import claims
+from cornerforge.errors import InputError, MissingExtraError
+from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge.experiment.output import config_hash, open_output, provenance, write_json
+from cornerforge.ext.interchange.case_facts import CaseFacts
+from cornerforge.ext.interchange.library_case_files import CaseFilesOf
+from cornerforge.ext.interchange.openscenario import VERSIONS, write_openscenario
+from cornerforge.library import CaseLibrary, StoredCase
+from cornerforge.library.case_file import write_case_file
+from cornerforge.results.whole import Exported
+
+__all__ = ["EXPORTS", "CaseWriter", "ExportOptions", "export", "has_rerun"]
+
+_AFTER = 50
+"""Progress is told after so many cases."""
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """How cases are written.
+
+    Attributes:
+        version: Of OpenSCENARIO: 1.0, 1.1, 1.2 or 1.3.
+        mode: recorded: all move as recorded. controller: the AV is left to the user, in OpenSCENARIO to a controller,
+            in CommonRoad as a planning problem. relative, of OpenSCENARIO: see `ext.interchange.openscenario`.
+    """
+
+    version: str = "1.2"
+    mode: str = "recorded"
+
+
+def has_rerun() -> bool:
+    """Say whether rerun's library is installed."""
+    return importlib.util.find_spec("rerun") is not None
+
+
+class CaseWriter:
+    """Writes cases of a library in one format; one serves one thread.
+
+    Args:
+        cases: The library; its path must have a name.
+        to: A name of `EXPORTS`.
+        options: How; None: as recorded.
+
+    Raises:
+        UnknownNameError: There is no such format.
+        InputError: The format has no such mode or version.
+        MissingExtraError: The format's library is not installed.
+    """
+
+    def __init__(self, cases: CaseLibrary, to: str, options: ExportOptions | None = None) -> None:
+        check_in("format", to, tuple(EXPORTS))
+        check_in("OpenSCENARIO version", (options or ExportOptions()).version, VERSIONS)
+        self._to, self._options = to, options or ExportOptions()
+        if self._options.mode not in _MODES.get(to, ("recorded",)):
+            raise InputError(
+                f"{to} has no mode {self._options.mode}; it has: {', '.join(_MODES.get(to, ('recorded',)))}."
+            )
+        if to != "openscenario" and self._options.version != ExportOptions().version:
+            raise InputError(f"The version is that of openscenario; leave it out for {to}.")
+        if to == "rerun" and not has_rerun():
+            raise MissingExtraError("rerun-sdk", "rerun")
+        self._facts = CaseFacts(cases)
+        self._files = CaseFilesOf(cases) if to == "json" else None
+
+    def write(self, case_id: str, stored: StoredCase, folder: Path) -> Sequence[str]:
+        """Write a case into a folder; returns the names of its files."""
+        case = self._facts.out_case(case_id, stored)
+        if self._to == "openscenario":
+            return write_openscenario(case, folder, version=self._options.version, mode=self._options.mode)
+        if self._to == "commonroad":
+            from cornerforge.ext.interchange.commonroad import write_commonroad
+
+            return write_commonroad(case, folder, av="planning" if self._options.mode == "controller" else "both")
+        name = f"{case.name}.{_ENDINGS[self._to]}"
+        if self._to == "rerun":
+            from cornerforge.ext.interchange.rerun_file import write_rerun
+
+            write_rerun(case, folder / name)
+        elif self._files is not None:
+            of = self._files.of(case_id, name=case.name, facts=case.facts)
+            write_case_file(of, folder / name, overwrite=True)
+        else:
+            from cornerforge.ext.interchange.tables import write_table
+
+            write_table(case, folder / name)
+        return (name,)
+
+
+EXPORTS: Mapping[str, str] = {
+    "openscenario": "OpenSCENARIO with OpenDRIVE",
+    "commonroad": "CommonRoad scenario",
+    "csv": "table (CSV)",
+    "parquet": "table (Parquet)",
+    "rerun": "recording for the Rerun viewer",
+    "json": "case file (JSON), for retest and pytest",
+}
+"""The formats, each with what people read."""
+_MODES = {"openscenario": ("recorded", "controller", "relative"), "commonroad": ("recorded", "controller")}
+_ENDINGS = {"csv": "csv", "parquet": "parquet", "rerun": "rrd", "json": "json"}
+
+
+@checked
+@claims()
+def export(
+    library: Path | str,
+    cases: Sequence[str] | str,
+    *,
+    to: str,
+    out: Path | str,
+    version: str = "1.2",
+    mode: str = "recorded",
+    resume: bool = False,
+    progress: Progress = NO_PROGRESS,
+) -> Exported:
+    """Write cases for other tools.
+
+    Args:
+        library: The library's folder.
+        cases: Case ids, or "all".
+        to: A name of `EXPORTS`.
+        out: Folder for the files, new or empty.
+        version: Of OpenSCENARIO: 1.0, 1.1, 1.2 or 1.3.
+        mode: recorded, controller or relative (`ExportOptions`).
+        resume: Write all files anew into the folder of an earlier call with the same arguments, finished or not.
+        progress: Told how far it is.
+
+    Returns:
+        What `cornerforge export --json` prints.
+
+    Raises:
+        CornerForgeError: No such case or format, the library cannot be read, an extra is missing, or the folder cannot
+            be used.
+    """
+    began = time.perf_counter()
+    given, place = Path(library), Path(out)
+    source = CaseLibrary.open(real_path(given))
+    ids = _ids(source, [cases] if isinstance(cases, str) else cases)
+    identity = {
+        "library": config_hash(source.identity), "to": to, "version": version, "mode": mode,
+        "cases": config_hash({"": ids}),
+    }  # fmt: skip
+    writer = CaseWriter(source, to, ExportOptions(version, mode))
+    found = source.scenarios(ids)
+    first = next(found)  # a name that the library lacks is an error before the folder is claimed
+    open_output(place, identity, resume=resume)
+    files: dict[str, None] = {}
+    for done, stored in enumerate(itertools.chain([first], found), 1):
+        case_id = str(stored.scalars["case_id"])
+        files.update(dict.fromkeys(writer.write(case_id, stored, place)))
+        if done % _AFTER == 0 or done == len(ids):
+            progress("export", done, len(ids))
+    seconds = round(time.perf_counter() - began, 3)
+    write_json(place / "provenance.json", provenance(identity, seconds))
+    return Exported(cases=len(ids), to=to, out=str(place), files=tuple(files), seconds=seconds)
+
+
+def _ids(source: CaseLibrary, wanted: Sequence[str]) -> list[str]:
+    """Return the wanted ids, each once.
+
+    Raises:
+        InputError: There is none.
+    """
+    every = list(wanted) == ["all"]
+    ids = source.scalars(["case_id"])["case_id"].to_pylist() if every else list(dict.fromkeys(wanted))
+    if not ids:
+        raise InputError(f"There is no case to export; name some of the library {source.path}, or all.")
+    if "all" in ids:
+        raise InputError('"all" stands for every case; leave out the others, or leave it out.')
+    return ids

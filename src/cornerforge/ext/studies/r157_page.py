@@ -1,0 +1,198 @@
+"""The page of `r157`: where an AV fails beside what reference drivers prevent, a picture for each pair of speeds."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.report import text
+from cornerforge.report.drawing import check_matplotlib, png_of
+from cornerforge.report.rendering import content_policy, environment, template, write_page
+from cornerforge.results import Regulated
+
+__all__ = ["R157Picture", "check_r157_page", "write_r157_page"]
+
+_LINES: dict[str, tuple[str, Any]] = {
+    "cc-human": ("#0072B2", "-"),
+    "reg157": ("#000000", "--"),
+    "rss-brake": ("#009E73", "-."),
+    "fsm": ("#8A2D6B", ":"),
+}
+"""Colour (Okabe and Ito's) and dashes of the edge of what each reference driver prevents."""
+_WITHIN, _BEYOND, _NO_POINT = "#E69F00", "#F9E4B5", "#E4E7EA"
+_PREVENTED, _NOT, _OUT = 2, 1, 3
+_AXES = {
+    "cut-in": ("gap [m]", "lateral speed [m/s]"),
+    "cut-out": ("gap ahead of the lead [m]", "lateral speed [m/s]"),
+    "deceleration": ("time gap [s]", "deceleration [m/s²]"),
+}
+_HEADS = {
+    "cut-in": "Cut-ins: a slower car comes over from the right",
+    "cut-out": "Cut-outs: the lead leaves to the right, a slower or standing car is uncovered",
+    "deceleration": "Decelerations: the lead brakes to a stand",
+}
+_LEAST = 1e-6
+_FEW = 2
+"""With so many panels for each speed of the AV at most, they stand below each other."""
+
+
+@dataclass(frozen=True)
+class R157Picture:
+    """One family and one pair of speeds.
+
+    Attributes:
+        family: The family.
+        av_kmh, other_kmh: The speeds [km/h].
+        across, up: Values along x (A,) and y (B,).
+        possible: Points that there are, bool (A, B).
+        failed: The AV fails, bool (A, B).
+        crashes: Of each reference driver, bool (A, B).
+    """
+
+    family: str
+    av_kmh: int
+    other_kmh: int
+    across: NDArray[np.float64]
+    up: NDArray[np.float64]
+    possible: NDArray[np.bool_]
+    failed: NDArray[np.bool_]
+    crashes: Mapping[str, NDArray[np.bool_]]
+
+
+def check_r157_page() -> None:
+    """Check, before long work, that the page can be made.
+
+    Raises:
+        MissingExtraError: matplotlib or jinja2 is not installed.
+    """
+    check_matplotlib()
+    environment()
+
+
+def write_r157_page(path: Path, result: Regulated, pictures: Sequence[R157Picture]) -> None:
+    """Write the page, which opens from disk and asks nothing from the network.
+
+    Args:
+        path: The file.
+        result: What `r157` found.
+        pictures: All its panels.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    pages = environment()
+    from markupsafe import Markup
+
+    pages.filters["n"] = text.count
+    pages.filters["part"] = text.share_in_words
+    pages.filters["in10000"] = lambda value: text.rate(10_000 * value, 2)
+    pages.filters["small"] = lambda value: "< 0.0001 %" if 0.0 < value < _LEAST else text.share_in_words(value)
+    sections = []
+    for family in result.families:
+        drawn = png_of(_drawing([one for one in pictures if one.family == family.family]))
+        sections.append(
+            {
+                "family": family,
+                "head": _HEADS[family.family],
+                "axes": _AXES[family.family],
+                "picture": base64.b64encode(drawn).decode("ascii"),
+                "pairs": [pair for pair in result.pairs if pair.family == family.family],
+            }
+        )
+    page = pages.get_template("r157.html.j2").render(
+        r=result,
+        sections=sections,
+        drivers=list(_LINES),
+        style=Markup(template("report.css")),
+        policy=content_policy([]),
+    )
+    write_page(page, path)
+
+
+def _drawing(pictures: Sequence[R157Picture]) -> Any:
+    """Draw the panels of a family, a row for each speed of the AV where that has many, else a column."""
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    speeds = list(dict.fromkeys(one.av_kmh for one in pictures))
+    rows = [[one for one in pictures if one.av_kmh == speed] for speed in speeds]
+    columns = max(len(row) for row in rows)
+    if columns <= _FEW:
+        rows = [list(row) for row in zip(*rows, strict=True)]
+        columns = len(speeds)
+    drawing = Figure(figsize=(1.2 + 2.1 * columns, 1.0 + 1.9 * len(rows)), layout="constrained")
+    panels = drawing.subplots(len(rows), columns, squeeze=False)
+    for row, line in zip(panels, rows, strict=True):
+        for place, panel in enumerate(row):
+            if place < len(line):
+                below = len(rows) > (at := rows.index(line)) + 1 and place < len(rows[at + 1])
+                _draw(panel, line[place], first=place == 0, last=not below)
+            else:
+                panel.set_axis_off()
+    handles = [
+        Patch(facecolor=_WITHIN, label="the AV fails, some reference driver does not"),
+        Patch(facecolor=_BEYOND, label="the AV fails, and so do all four"),
+        *([Patch(facecolor=_NO_POINT, label="not possible: the lead would hit it")]
+          if any(not one.possible.all() for one in pictures) else []),
+        *(Line2D([], [], color=colour, linestyle=dash, linewidth=1.6, label=f"{name}: edge of its crashes")
+          for name, (colour, dash) in _LINES.items()),
+    ]  # fmt: skip
+    drawing.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=9, frameon=False)
+    return drawing
+
+
+def _draw(panel: Any, one: R157Picture, *, first: bool, last: bool) -> None:
+    """Draw one panel: a cell for each scenario, and along cells the edges of what reference drivers prevent."""
+    from matplotlib.collections import LineCollection
+    from matplotlib.colors import ListedColormap
+
+    x, y = _edges(one.across), _edges(one.up)
+    prevented = ~np.logical_and.reduce(list(one.crashes.values()))
+    cells = np.where(one.failed, np.where(prevented, _PREVENTED, _NOT), 0)
+    cells = np.where(one.possible, cells, _OUT)
+    panel.pcolormesh(x, y, cells.T, cmap=ListedColormap(["#FFFFFF", _BEYOND, _WITHIN, _NO_POINT]), vmin=0, vmax=3)
+    for name, (colour, dash) in _LINES.items():
+        lines = _outline(one.crashes[name] & one.possible, one.possible, x, y)
+        panel.add_collection(LineCollection(lines, colors=colour, linestyles=dash, linewidths=1.5))
+    title = f"{one.av_kmh} → {one.other_kmh} km/h" if one.family != "deceleration" else f"{one.av_kmh} km/h"
+    panel.set_title(title, fontsize=9)
+    panel.tick_params(labelsize=7)
+    panel.spines[["top", "right"]].set_visible(False)
+    across, up = _AXES[one.family]
+    if first:
+        panel.set_ylabel(up, fontsize=8)
+    if last:
+        panel.set_xlabel(across, fontsize=8)
+
+
+def _edges(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Find the edges of cells about values, (V + 1,)."""
+    middle = 0.5 * (values[1:] + values[:-1])
+    return np.concatenate([[1.5 * values[0] - 0.5 * values[1]], middle, [1.5 * values[-1] - 0.5 * values[-2]]])
+
+
+def _outline(
+    inside: NDArray[np.bool_], possible: NDArray[np.bool_], x: NDArray[np.float64], y: NDArray[np.float64]
+) -> list[list[tuple[float, float]]]:
+    """Find where cells (A, B) change between inside and outside, as lines, those that follow each other in one."""
+    lines = []
+    upright = (inside[1:] != inside[:-1]) & possible[1:] & possible[:-1]
+    for i in range(len(upright)):
+        lines += [[(x[i + 1], y[a]), (x[i + 1], y[b])] for a, b in _runs(upright[i])]
+    level = (inside[:, 1:] != inside[:, :-1]) & possible[:, 1:] & possible[:, :-1]
+    for j in range(level.shape[1]):
+        lines += [[(x[a], y[j + 1]), (x[b], y[j + 1])] for a, b in _runs(level[:, j])]
+    return lines
+
+
+def _runs(marks: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Find runs of True: first place, and the place after the last."""
+    changes = np.flatnonzero(np.diff(np.concatenate([[False], marks, [False]]).astype(np.int8)))
+    return list(zip(changes[::2].tolist(), changes[1::2].tolist(), strict=True))

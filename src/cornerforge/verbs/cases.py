@@ -1,0 +1,272 @@
+"""`replay` drives cases again; `query` asks a library in SQL."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Unpack
+
+import numpy as np
+
+from cornerforge._arguments import checked
+from cornerforge._extensions import extension
+from cornerforge._locks import claims
+from cornerforge._objects import object_fault
+from cornerforge.analysis.avoidability import AvoidParams, avoidability
+from cornerforge.analysis.stored import CASES_FILE, read_analysed
+from cornerforge.errors import FileFormatError, InputError
+from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge.experiment.named_avs import check_named
+from cornerforge.experiment.output import code_hash
+from cornerforge.experiment.policy_file import load_policy
+from cornerforge.experiment.setting import Experiment, experiment
+from cornerforge.fields import REALS
+from cornerforge.foreign.loaders import is_foreign
+from cornerforge.library import CaseLibrary, StoredCase
+from cornerforge.library.filling import MODEL_FILE, policy_file
+from cornerforge.library.manifest import MANIFEST
+from cornerforge.library.query import MEGABYTES, SECONDS, run_sql
+from cornerforge.library.schema import IDENTITY_FIELDS
+from cornerforge.report.moments import partner_of
+from cornerforge.results import Queried, Replayed
+from cornerforge.sim import scenario_digest
+from cornerforge.types import Scenario
+from cornerforge.world_options import AvProcessKeywords, WorldOptions
+
+__all__ = ["SEVERAL", "driver_of_cases", "experiment_of", "experiment_with", "is_same", "query", "replay"]
+
+SEVERAL = "several AVs"
+"""The AV of a library whose cases were made by different ones."""
+
+
+def experiment_of(cases: CaseLibrary, **asked: Unpack[AvProcessKeywords]) -> Experiment:
+    """Rebuild the experiment that made a library from its identity and the files beside it.
+
+    Raises:
+        FileFormatError: A file is missing or is not the one of the library.
+        InputError: Its AV is from outside, and the user has not named it.
+    """
+    _check_told(cases, ("av",))
+    if cases.identity["av"] == SEVERAL:
+        raise InputError(
+            f"The cases of {cases.path} were made by several AVs, so there is none to drive them with again; drive "
+            f"them with two of your choice: cornerforge retest {cases.path} --av NEW --baseline OLD"
+        )
+    if is_foreign(str(cases.identity["av"])):
+        check_named(str(cases.identity["av"]), cases.path)
+    world = WorldOptions(av=str(cases.identity["av"]), **asked)
+    return experiment_with(cases, world, changed=())
+
+
+def experiment_with(
+    cases: CaseLibrary, world: WorldOptions, *, changed: Sequence[str] = ("av", "av_hash", "av_steers")
+) -> Experiment:
+    """Build the experiment that made a library, but with the AV of `world` and as that says it is asked.
+
+    Args:
+        cases: The library.
+        world: The AV; road, model and mask are those of the library.
+        changed: Keys of the identity that may be others than the library's.
+
+    Raises:
+        FileFormatError: A file is missing or is not the one of the library.
+    """
+    identity = cases.identity
+    fault = object_fault(identity, IDENTITY_FIELDS, "run")
+    if fault is not None:
+        raise FileFormatError(f"The manifest of {cases.path} is damaged: {fault}, so it cannot be driven again.")
+    budget = identity["budget"]
+    policies = [load_policy(cases.path / policy_file(index)) for index in range(int(str(identity["policies"])))]
+    seed = int(str(identity["seed"]))
+    run = experiment(
+        world,
+        road=cases.odd,
+        model=cases.path / MODEL_FILE,
+        bv=str(identity["bv"]),
+        policy=policies or None,
+        bounded=bool(identity["bounded"]),
+        # Policies bring their budgets, which need not be the same.
+        budget=None if budget is None or policies else float(budget),
+        acting=str(identity["acting"]),
+        takes_foreign=True,
+        takes_recorded=cases.on_rails,
+        seed=seed,
+    )
+    for key, value in run.identity(seed).items():
+        if key not in changed and identity.get(key) != value:
+            raise FileFormatError(
+                f"The library {cases.path} was made with {key} = {identity.get(key)!r}, "
+                f"but what is here gives {value!r}; "
+                "put the original file back, or install the version that made it."
+            )
+    return run
+
+
+def _check_told(cases: CaseLibrary, names: Sequence[str]) -> None:
+    missing = [name for name in names if name not in cases.identity]
+    if missing:
+        raise FileFormatError(f"The library {cases.path} does not say its {missing[0]}, so it cannot be driven again.")
+
+
+def is_same(driven: Scenario, stored: StoredCase) -> bool:
+    """Compare a driven test with the stored case: by digest (all numbers, full precision) and by the stored values."""
+    if scenario_digest(driven) != stored.scalars["trajectory_digest"]:
+        return False
+    columns = np.searchsorted(driven.slot, stored.scenario.slot)
+    return all(
+        np.array_equal(
+            getattr(driven, name)[:, columns].astype(np.float32),
+            getattr(stored.scenario, name).astype(np.float32),
+            equal_nan=True,
+        )
+        for name in REALS
+    )
+
+
+def driver_of_cases(run: Experiment) -> Callable[[StoredCase], Scenario]:
+    """Return a function that drives a stored case again, from its seed or by its script; it serves one thread."""
+    recorder = run.recorder()
+    scripts = run.script_driver()
+
+    def again(stored: StoredCase) -> Scenario:
+        if stored.script is None:
+            return recorder.record(stored.scenario.seed, stored.scenario.test)
+        return scripts.record(stored.script)[0]
+
+    return again
+
+
+@checked
+@claims()
+def replay(
+    library: Path | str,
+    case: str,
+    *,
+    check: bool = False,
+    picture: Path | str | None = None,
+    video: Path | str | None = None,
+    progress: Progress = NO_PROGRESS,
+    **asked: Unpack[AvProcessKeywords],
+) -> Replayed:
+    """Drive a case again from its seed, or by its script (`shrink` makes such cases).
+
+    Args:
+        library: The library's folder.
+        case: Case id, or "all".
+        check: Also compare with what is stored.
+        picture: New file, .png or .svg, to draw the crash and the latest way out of it (extra `report`); for one case.
+        video: New file, .mp4, .webm (extra `video`) or .gif (extra `report`), for a film of the case from above in real
+            time, up to the contact, with the latest way out as a dashed outline; for one case.
+        progress: Told how far it is.
+        asked: In what an AV that is not built in runs, and its time for an answer; see `WorldOptions`. A library does
+            not remember it, because it belongs to the machine.
+
+    Returns:
+        What `cornerforge replay --json` prints.
+
+    Raises:
+        CornerForgeError: No such case, the library, its policy or model cannot be read, or there can be no picture or
+            film.
+    """
+    if case == "all" and (picture is not None or video is not None):
+        raise InputError(f"A {'film' if picture is None else 'picture'} shows one case; name it instead of all.")
+    if picture is not None:
+        extension("films").check_picture(Path(picture))
+    if video is not None:
+        extension("films").check_video(Path(video))
+    cases = CaseLibrary.open(Path(library))
+    run = experiment_of(cases, **asked)
+    again = driver_of_cases(run)
+    ids = cases.scalars(["case_id"])["case_id"].to_pylist() if case == "all" else [case]
+    if not ids:
+        raise InputError(f"The library {library} holds no cases yet, so there is none to replay; generate some first.")
+    differ: list[str] = []
+    crash_time = None
+    note: str | None = None
+    for done, case_id in enumerate(ids):
+        stored = cases.scenario(case_id)
+        driven = again(stored)
+        crash_time = None if driven.crash is None else driven.crash.time
+        if check and not is_same(driven, stored):
+            differ.append(case_id)
+            if note is None:
+                note = _why_different(cases, run, driven)
+        progress("replay", done + 1, len(ids))
+        if picture is None and video is None:
+            continue
+        has_crash = partner_of(driven) is not None
+        answer = avoidability(driven, AvoidParams(steers=run.av_steers)) if has_crash or picture is not None else None
+        if picture is not None and answer is not None:
+            extension("films").write_picture(driven, Path(picture), answer)
+        if video is not None:
+            title = f"Case {case_id}, AV {run.av.name}"
+            extension("films").write_video(driven, Path(video), answer, title=title, progress=progress)
+    is_all = case == "all"
+    return Replayed(
+        case=case,
+        crash_time_s=None if is_all else crash_time,
+        identical=not differ if check else None,
+        cases=len(ids) if is_all else None,
+        differ=tuple(differ) if is_all else None,
+        note=note,
+        picture=None if picture is None else str(picture),
+        video=None if video is None else str(video),
+    )
+
+
+def _why_different(cases: CaseLibrary, run: Experiment, driven: Scenario) -> str | None:
+    """Say what may explain that a case differs when it is driven again; None if nothing is known."""
+    if run.foreign is not None and not run.foreign.repeats(run.setting, run.slots, driven.seed, driven.test):
+        return (
+            f"The AV {run.av.name} is not deterministic: asked twice about the same test, it drives differently. "
+            "What is stored is what it did then."
+        )
+    if cases.identity.get("code") != code_hash():
+        return "The library was made by other code; install the version that made it to see the same."
+    return None
+
+
+@checked
+def query(library: Path | str, sql: str, *, seconds: float = SECONDS, megabytes: int = MEGABYTES) -> Queried:
+    """Run SQL on a library, or on the cases of an analysis (table `cases`, key `case_id`), read only.
+
+    Args:
+        library: The library's folder, or the folder of an analysis: the table is then its `cases.parquet`.
+        sql: One SELECT.
+        seconds: Longest time for the answer [s], 0.1 to 86,400.
+        megabytes: Most memory for it, 16 to 1,048,576.
+
+    Raises:
+        CornerForgeError: There is neither, it cannot be read, the SQL is wrong, or needs more than it may.
+    """
+    folder = Path(library)
+    if not (folder / MANIFEST).exists() and (folder / CASES_FILE).is_file():
+        table = read_analysed(folder / CASES_FILE, "cornerforge analyse")
+        columns, rows = run_sql(table, sql, seconds=seconds, megabytes=megabytes)
+    else:
+        _point_below(folder)
+        columns, rows = CaseLibrary.open(folder).query(sql, seconds=seconds, megabytes=megabytes)
+    return Queried(columns=tuple(columns), rows=tuple(tuple(_plain(value) for value in row) for row in rows))
+
+
+def _point_below(folder: Path) -> None:
+    """Refuse the folder of a run, and say which of its folders have cases.
+
+    Raises:
+        InputError: The folder is one of a run.
+    """
+    below = [path for path in (folder / "library", folder / "analysis") if path.is_dir()]
+    if below and not (folder / MANIFEST).exists():
+        raise InputError(f"{folder} is no case library; give a folder in it: {' or '.join(map(str, below))}")
+
+
+def _plain(value: object) -> Any:
+    """Turn a value of SQL into JSON that has no NaN and no infinity: they become None."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return value

@@ -1,0 +1,379 @@
+"""`check-av` tries a foreign AV on edge cases and measures its speed."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from typing import Unpack
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._arguments import checked
+from cornerforge._checks import check_integer
+from cornerforge._words import spoken
+from cornerforge.errors import AvFaultError, InputError
+from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge.experiment.counting import simulate_experiment
+from cornerforge.experiment.forecast import LONG_SECONDS, forecast, seconds_of, tests_per_hour
+from cornerforge.experiment.named_avs import remember
+from cornerforge.experiment.setting import Experiment, check_av_options, confines_of, experiment, road_of
+from cornerforge.foreign.answers import controller_of
+from cornerforge.foreign.av_log import AvLog
+from cornerforge.foreign.edge_cases import EDGE_CASES, edge_case, random_views
+from cornerforge.foreign.interpreter import Confines
+from cornerforge.foreign.loaders import is_foreign
+from cornerforge.foreign.pace import Pace, announce
+from cornerforge.foreign.process import FIRST_TIMEOUT, AvFailureError, AvProcess
+from cornerforge.foreign.session import AvSession, context_of
+from cornerforge.results import AvChecked
+from cornerforge.results.avs import AvCheck, AvDoes, AvSpeed
+from cornerforge.road.straight import road_numbers
+from cornerforge.sim import STEERED
+from cornerforge.types import Odd
+from cornerforge.world_options import AvKeywords, WorldOptions
+
+__all__ = ["check_av"]
+
+_OK, _WARN, _FAIL = "ok", "warn", "FAIL"
+_BATCH = 64
+_MANY = 512
+_STEPS = 12
+_SPEED_BATCHES = (1, 64, 256)
+_SPEED_SECONDS = 0.5
+_CALL_SECONDS = 1.0
+"""A call on the bench should take no longer [s]: a slow AV is asked about fewer worlds."""
+_REPEAT_SECONDS = 60.0
+_DRIVE_SECONDS = 60.0
+_MOST_TESTS = 256
+_MOST_HANGS = 2
+_USUAL_DECISIONS = 2_500_000
+"""Decisions of a training in `run`."""
+_LONG_TRAINING = 1800.0
+_ROUNDING = 1e-3
+
+
+class _Bench:
+    """Trials of one AV, each in a process of its own, and the list of findings.
+
+    Attributes:
+        pace: How fast it answers.
+        few, many: Worlds of trials, fewer for a slow AV.
+        hangs: So often it gave no answer in time.
+    """
+
+    def __init__(self, spec: str, odd: Odd, seed: int, timeout: float, confines: Confines) -> None:
+        self.log = AvLog()
+        self._start = partial(AvProcess, confines=confines, log=self.log)
+        self._spec, self._odd, self._seed = spec, odd, seed
+        self.pace = Pace(timeout, FIRST_TIMEOUT)
+        self.few, self.many, self.hangs = _BATCH, _MANY, 0
+        self._session: AvSession | None = None
+        self._batch, self._loading = 0, 0.0
+        self.checks: list[AvCheck] = []
+        self.about: dict[str, str] = {}
+
+    def note(self, name: str, verdict: str, found: str, trace: str = "") -> None:
+        """Add a finding to the list."""
+        self.checks.append(AvCheck(name=name, verdict=verdict, found=found, trace=trace or None))
+
+    def note_failure(self, name: str, how: str) -> None:
+        """Add a failure of the AV to the list, with its traceback."""
+        self.note(name, _FAIL, f"it {how}", self.log.trace(how))
+
+    def session(self, batch: int) -> AvSession:
+        """Return the AV's process, set up for `batch` worlds."""
+        if self._session is None or self._batch != batch:
+            self.close()
+            context = context_of(self._odd, batch=batch, seed=self._seed)
+            session = AvSession(self._spec, context, road_numbers(self._odd), self.pace, self._start)
+            begun = time.perf_counter()
+            self.about = session.process().about
+            self._loading = max(self._loading, time.perf_counter() - begun)
+            self._session, self._batch = session, batch
+        return self._session
+
+    def close(self) -> None:
+        """End the process."""
+        if self._session is not None:
+            self._session.drop()
+            self._session = None
+
+    def start(self) -> None:
+        """Ask about one world, and choose by the AV's speed how many it is asked about in trials.
+
+        A process of it that starts later has less time to load and for its first answer, now that it is known what
+        these take.
+        """
+        begun, view = time.perf_counter(), edge_case(next(iter(EDGE_CASES)), self._odd)[None, None].astype(np.float32)
+        try:
+            self.answers(view)
+            took = time.perf_counter() - begun
+            self.answers(view)
+        except AvFailureError:
+            if self.hangs:
+                raise
+            return  # the trials will say so
+        self.pace.first_timeout = min(FIRST_TIMEOUT, self.pace.timeout + 3.0 * max(took, self._loading))
+        alone = self.pace.usual(1)
+        if alone * _BATCH > _CALL_SECONDS:
+            self.few = max(2, int(_CALL_SECONDS / alone))
+            self.many = 2 * self.few
+        seconds = alone * self.few * len(EDGE_CASES) + self.repeat_steps() * alone * (3 * self.few + 1 + self.many)
+        if seconds > LONG_SECONDS:
+            announce(
+                f"{self._spec} takes about {spoken(alone)} for an answer in one world (measured): trials will take "
+                f"about {spoken(seconds)}."
+            )
+
+    def repeat_steps(self) -> int:
+        """Say for how many seconds of traffic repeats are tried: fewer for a slow AV."""
+        each = max(self.pace.usual(1), 1e-6)
+        return max(2, min(_STEPS, int(_REPEAT_SECONDS / (each * (3 * self.few + 1 + self.many)))))
+
+    def answers(self, views: NDArray[np.float32], order: NDArray[np.int64] | None = None) -> NDArray[np.float64]:
+        """Return the answers (T, B, W) to T successive views after a reset; world b stands in row order[b].
+
+        Raises:
+            AvFailureError: It fails, in one of the worlds or in all.
+        """
+        steps, batch = views.shape[:2]
+        rows = np.arange(batch) if order is None else order
+        session, given = self.session(batch), []
+        fresh, seeds = rows.astype(np.int64), np.arange(batch, dtype=np.int64)
+        for step in range(steps):
+            shown = np.empty_like(views[step])
+            shown[rows] = views[step]
+            try:
+                answers, failed = session.act(session.shown(shown), fresh, seeds)
+                for what, how in failed.values():
+                    raise AvFailureError(what, how)
+            except AvFailureError as failure:
+                self.close()
+                self.hangs += failure.what == "hung"
+                raise
+            given.append(answers[rows])
+            fresh, seeds = fresh[:0], seeds[:0]
+        return np.array(given)
+
+
+@checked
+def check_av(
+    *,
+    tests: int | None = None,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress = NO_PROGRESS,
+    **world: Unpack[AvKeywords],
+) -> AvChecked:
+    """Try an AV on edge cases, check that its answers repeat, and measure its speed.
+
+    Args:
+        tests: Tests to drive in natural traffic at the end; None: 256, or as many as take about a minute.
+        seed: Seed of tests and views.
+        threads: None for all cores; changes only what is said of the time that jobs will take.
+        progress: Told how far it is.
+        world: The AV (`module:Class`, `file.py:Class`, `cmd: PROGRAM`, an `.onnx` or a Stable-Baselines3
+            `.zip` file) and its world, keyword by keyword; see `WorldOptions`.
+
+    Returns:
+        What `cornerforge check-av --json` prints: what each trial found, and the AV's speed.
+
+    Raises:
+        CornerForgeError: It is no AV, or fails at once.
+    """
+    if tests is not None:
+        check_integer("tests", tests, low=1, high=10**6)
+    check_integer("seed", seed, low=0, high=2**63 - 1)
+    options = WorldOptions(**world)
+    av, av_timeout = options.av, options.av_timeout
+    check_av_options(options)
+    if not is_foreign(av):
+        raise InputError(
+            f'"{av}" is a built-in name or none; check-av tries module:Class, file.py:Class, "cmd: PROGRAM", '
+            ".onnx and .zip files."
+        )
+    remember(av)
+    road = road_of(options)
+    bench = _Bench(av, road, seed, av_timeout, confines_of(options))
+    try:
+        bench.session(1)
+        speed: tuple[AvSpeed, ...] = ()
+        bench.note("loads", _OK, "it can be made and set up")
+        _try_edge_cases(bench, road, progress)
+        if all(check.verdict != _FAIL for check in bench.checks):
+            progress("repeats", 0, 1)
+            _try_repeats(bench, road, seed)
+            progress("speed", 0, 1)
+            speed = _speeds(bench, road, seed)
+    finally:
+        bench.close()
+    does = _drive(bench, options, tests, seed, threads, progress)
+    passed = all(check.verdict != _FAIL for check in bench.checks)
+    log = None if passed else bench.log.named()
+    return AvChecked(
+        av=av,
+        kind=bench.about["kind"],
+        hash=bench.about["hash"],
+        sandbox=options.av_sandbox,
+        memory_gb=round(confines_of(options).gigabytes, 3),
+        checks=tuple(bench.checks),
+        passed=passed,
+        log=None if passed or log is None else str(log),
+        speed=speed,
+        does=does,
+    )
+
+
+def _try_edge_cases(bench: _Bench, road: Odd, progress: Progress) -> None:
+    """Try all edge cases, unless the AV hangs again and again."""
+    try:
+        bench.start()
+    except AvFailureError as failure:
+        bench.note("first questions", _FAIL, f"it {failure}; nothing else was tried")
+        return
+    for k, name in enumerate(EDGE_CASES):
+        progress("edge cases", k, len(EDGE_CASES))
+        if bench.hangs == _MOST_HANGS:
+            bench.note("other edge cases", _FAIL, f"{len(EDGE_CASES) - k} were not tried, because it hangs")
+            return
+        _try_edge_case(bench, name, road)
+
+
+def _try_edge_case(bench: _Bench, name: str, odd: Odd) -> None:
+    view = np.broadcast_to(edge_case(name, odd), (1, bench.few, 13, 8)).astype(np.float32)
+    try:
+        answer = bench.answers(view)[0, 0]
+    except AvFailureError as failure:
+        bench.note_failure(name, str(failure))
+        return
+    steers = controller_of(bench.about["form"]) == STEERED
+    order = 0.0 if steers else float(answer[1])
+    text = f"{answer[0]:.2f} m/s2, " + (f"curvature {answer[1]:+.4f} /m" if steers else f"lane order {order:+.0f}")
+    doubt = EDGE_CASES[name].doubt(float(answer[0]), order)
+    beyond = "" if -8.0 <= answer[0] <= 2.0 else "; commands are cut to -8 to 2 m/s2"
+    bench.note(name, _WARN if doubt else _OK, text + beyond + (f"; {doubt}" if doubt else ""))
+
+
+def _difference(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """Return the largest difference of two sets of answers; +inf if one of them is not finite."""
+    difference = np.abs(a - b)
+    return float(difference.max()) if np.isfinite(difference).all() else np.inf
+
+
+def _try_repeats(bench: _Bench, odd: Odd, seed: int) -> None:
+    """Check that answers do not change when views come again, in another order, or in batches of other sizes."""
+    rng = np.random.default_rng(seed)
+    n, steps = bench.few, bench.repeat_steps()
+    views = random_views(rng, (steps, bench.many), odd)
+    few = views[:, :n]
+    try:
+        first = bench.answers(few)
+        again = _difference(first, bench.answers(few))
+        order = rng.permutation(n)
+        turned = _difference(first, bench.answers(few, order))
+        alone = _difference(first[:, :1], bench.answers(few[:, :1]))
+        many = _difference(first, bench.answers(views)[:, :n])
+    except AvFailureError as failure:
+        bench.note_failure("random traffic", str(failure))
+        return
+    bench.note("random traffic", _OK, f"{steps} seconds in {n} worlds")
+    if again > 0.0:
+        bench.note(
+            "repeats", _WARN, f"the same views, asked twice, differ by up to {again:.3g}: it is not deterministic, so "
+            "results cannot be repeated. Draw random numbers by the seeds that reset() gives."
+        )  # fmt: skip
+        return
+    bench.note("repeats", _OK, "the same views give the same answers")
+    for name, difference in (("order of worlds", turned), ("alone", alone), (f"{bench.many} worlds", many)):
+        if difference == 0.0:
+            bench.note(name, _OK, "the same answers")
+        elif difference <= _ROUNDING:
+            bench.note(
+                name, _WARN, f"answers differ by up to {difference:.2g} (rounding): tests may come out differently in "
+                "batches of another size"
+            )  # fmt: skip
+        else:
+            bench.note(name, _FAIL, f"answers differ by up to {difference:.3g}: worlds have an influence on each other")
+
+
+def _speeds(bench: _Bench, odd: Odd, seed: int) -> tuple[AvSpeed, ...]:
+    try:
+        found = []
+        for batch in _SPEED_BATCHES:
+            if bench.pace.usual(batch) <= 10.0 * _CALL_SECONDS:
+                found.append(_speed(bench, odd, seed, batch))
+        return tuple(found)
+    except AvFailureError as failure:
+        bench.note_failure("speed", str(failure))
+        return ()
+
+
+def _speed(bench: _Bench, odd: Odd, seed: int, batch: int) -> AvSpeed:
+    view = random_views(np.random.default_rng(seed), (1, batch), odd)
+    bench.answers(view)
+    session, none = bench.session(batch), np.zeros(0, dtype=np.int64)
+    shown = session.shown(view[0])
+    calls, start = 0, time.perf_counter()
+    while (seconds := time.perf_counter() - start) < _SPEED_SECONDS:
+        session.act(shown, none, none)
+        calls += 1
+    return AvSpeed(
+        worlds=batch,
+        calls_per_second=round(calls / seconds, 1),
+        decisions_per_second=round(calls * batch / seconds, 1),
+    )
+
+
+def _drive(
+    bench: _Bench, world: WorldOptions, tests: int | None, seed: int, threads: int | None, progress: Progress
+) -> AvDoes | None:
+    """Drive tests in natural traffic and count crashes; say what the AV's speed allows."""
+    if bench.hangs:
+        bench.note("tests in natural traffic", _FAIL, "not driven, because it hangs")
+        return None
+    does = None
+    try:
+        run = experiment(world, takes_foreign=True, seed=seed)
+        does = _does(run, threads)
+        if tests is None:
+            tests = max(2, min(_MOST_TESTS, int(_DRIVE_SECONDS * does.tests_per_hour / 3600.0)))
+        forecast(run, threads, f"driving {tests:,} tests", tests=tests)
+        tally, seconds = simulate_experiment(
+            run, tests=tests, seed=seed, threads=threads, progress=progress, stage="tests"
+        )
+    except AvFaultError as error:
+        trace = getattr(error.__cause__, "trace", "") or "".join(getattr(error, "__notes__", [])).partition("\n")[2]
+        bench.note("tests in natural traffic", _FAIL, str(error), trace)
+        return does
+    found = f"{tally.av_crashes} crashes in {tally.tests} tests, {tests / seconds:,.3g} tests/s"
+    if tally.av_faults and run.foreign is not None:
+        fault = min(run.foreign.faults.values(), key=lambda fault: fault.test)
+        text = f"{tally.av_faults} tests spoiled; in test {fault.test} it {fault.message}"
+        bench.note("tests in natural traffic", _FAIL, text, run.foreign.log.trace(fault.message))
+        bench.log = run.foreign.log  # of its own processes
+    elif tally.av_crashes > 0.05 * tests:
+        bench.note("tests in natural traffic", _WARN, found + ": more than one in twenty")
+    else:
+        bench.note("tests in natural traffic", _OK, found)
+    return does
+
+
+def _does(run: Experiment, threads: int | None) -> AvDoes:
+    """Say what the AV's speed allows."""
+    assert run.foreign is not None
+    av = run.foreign
+    tests = tests_per_hour(run, threads)
+    decisions = 3600.0 * 1e6 / seconds_of(run, threads, decisions=1e6)
+    training = 3600.0 * _USUAL_DECISIONS / decisions
+    advice = f"training against it ({_USUAL_DECISIONS:,} decisions) would take about {spoken(training)}"
+    if training > _LONG_TRAINING:
+        advice += "; run --hours 1 trains against a stand-in, and finds cases with this AV in the time given"
+    return AvDoes(
+        answer_seconds=av.pace.usual(av.batch) / av.batch,
+        batch=av.batch,
+        processes=run.processes(threads),
+        tests_per_hour=round(tests, 1),
+        decisions_per_hour=round(decisions),
+        advice=advice,
+    )

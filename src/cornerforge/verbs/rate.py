@@ -1,0 +1,239 @@
+"""`rate` measures the AV's natural crash rate with its interval; it keeps every finished block of tests or trees.
+
+The output folder holds `rate.json`, and what `plain` (counting), `splitting` (trees) and `model_draws` keep.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from collections import Counter
+from pathlib import Path
+from typing import Any, Unpack
+
+from cornerforge._arguments import checked
+from cornerforge._checks import check_in, check_integer, check_number
+from cornerforge._extensions import extension
+from cornerforge._locks import claims
+from cornerforge.analysis.crash_types import CRASH_TYPES
+from cornerforge.analysis.mechanism import MECHANISMS
+from cornerforge.errors import InputError
+from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge.experiment.forecast import forecast
+from cornerforge.experiment.output import code_hash, provenance, version, write_json
+from cornerforge.experiment.setting import Experiment, check_threads, experiment
+from cornerforge.rates.monte_carlo import BLOCK, MonteCarlo
+from cornerforge.rates.plain import ASKED, ENOUGH_TO_FORESEE, PlainTests, cost_of, kept_if_interrupted
+from cornerforge.rates.splitting import TREES, PickedCrash, Splitting, kind_rates
+from cornerforge.results import NaturalRate, as_json
+from cornerforge.results.driving import Effort
+from cornerforge.world_options import AvKeywords, WorldOptions
+
+__all__ = ["rate", "why_only_counting"]
+
+PLAIN_TESTS = 4 * BLOCK
+"""Plain tests that trees begin with: kinds of crash that a network does not know show there, if they are frequent."""
+_TREES_TAKE_S = 300.0
+_TREES_TAKE_TESTS = 1_000_000
+"""For an AV from outside: so many plain tests last as long."""
+_NO_CRASH = "no tree found a crash, so rate and interval are those of the plain tests"
+
+
+@checked
+@claims()
+def rate(
+    *,
+    method: str = "auto",
+    target_rhw: float = 0.3,
+    max_tests: int = 1_000_000,
+    model_draws: int = 0,
+    out: Path | str | None = None,
+    resume: bool = False,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress = NO_PROGRESS,
+    **world: Unpack[AvKeywords],
+) -> NaturalRate:
+    """Measure the AV's natural crash rate in 400 m tests, without bias.
+
+    Args:
+        method: "mc", plain Monte Carlo; "splitting", trees of tests (`sim.trees`), for rates below 1e-5; "is",
+            importance sampling (`sim.tilt`), which makes no copies of worlds; "auto" begins with plain tests and goes
+            on with trees if more of them would take longer.
+        target_rhw: Stop when half the 95 % interval is at most this share of the rate, 0.001 to 10. The interval is
+            exact for "mc"; for the two others it holds however often one looks, and they stop only without doubts.
+        max_tests: Largest number of tests; trees, those of teaching too, count as one each.
+        model_draws: Measure the rate again in so many models drawn about the one in use, 5 or more, for an interval
+            with the model's own uncertainty; 0: the interval is of sampling alone.
+        out: Folder for `rate.json`, the counts so far, and a library of crashes: `library/` if they are counted, else
+            `weighted/`. None keeps nothing.
+        resume: Go on with that folder, after an end, an interrupt or a kill.
+        seed: 0 or more.
+        threads: None for all cores; does not change the result.
+        progress: Told how far it is.
+        world: The world, keyword by keyword; see `WorldOptions`.
+
+    Returns:
+        What `cornerforge rate --json` prints: the rate, its precision and cost, and what kinds of crash there were.
+        With `doubts` it cannot be trusted yet.
+
+    Raises:
+        CornerForgeError: Input, files or output place are not right.
+        KeyboardInterrupt: Interrupted; with `out`, all finished blocks are kept.
+    """
+    check_in("method", method, ("auto", "mc", "is", "splitting"))
+    check_integer("seed", seed, low=0, high=2**63 - 1)
+    check_integer("max_tests", max_tests, low=1, high=10**12)
+    check_number("target_rhw", target_rhw, low=1e-3, high=10.0)
+    if resume and out is None:
+        raise InputError("There is nothing to resume without out; name the folder: --out FOLDER --resume")
+    run = experiment(WorldOptions(**world), takes_foreign=True, seed=seed)
+    if model_draws:
+        extension("model draws").check_model_draws(model_draws, run.model)
+    only_mc = why_only_counting(max_tests)
+    if method in ("is", "splitting") and only_mc is not None:
+        raise InputError(f"Method {method} cannot be used: {only_mc}")
+    folder = None if out is None else Path(out)
+    session = PlainTests(run, seed, folder, threads=check_threads(threads), progress=progress)
+    identity = {**run.identity(seed), "method": method, "cornerforge": version(), "code": code_hash()}
+    forecast(
+        run, threads, f"{max_tests:,} tests", tests=max_tests, bound="up to ",
+        advice="If that is too long: --max-tests, or run --hours, which counts as many as fit.",
+    )  # fmt: skip
+    session.start(identity, resume=resume)
+    split: Splitting | None = None
+    if method == "mc" or only_mc is not None:
+        session.reason = ASKED if method == "mc" else only_mc or ""
+        summary = _count(session, target_rhw, max_tests)
+    else:
+        with kept_if_interrupted(session):
+            state = session.drive(target_rhw, PLAIN_TESTS)
+        wanted = "plain tests are enough" if state == "target" else _why_counting(run, session.counts, target_rhw)
+        if method == "auto" and wanted is not None:
+            session.reason = wanted
+            summary = _count(session, target_rhw, max_tests)
+        else:
+            reason = _why_trees(session.counts) if method == "auto" else ASKED
+            split = Splitting(
+                run, seed, folder, threads=run.processes(threads), progress=progress, tilted=method == "is"
+            )
+            summary = _split(session, split, reason, target_rhw, max_tests)
+            if folder is not None:
+                write_json(folder / "rate.json", as_json(summary))
+    if model_draws:
+        summary = extension("model draws").with_model_draws(
+            summary, run, model_draws=model_draws, seed=seed, out=folder, threads=check_threads(threads),
+            progress=progress, by_trees=None if split is None else split.growing,
+        )  # fmt: skip
+        if folder is not None:
+            write_json(folder / "rate.json", as_json(summary))
+    if folder is not None:
+        write_json(folder / "provenance.json", provenance(identity, summary.seconds))
+    run.rest()  # importing torch may keep this frame, and what it holds, until memory is tidied
+    return summary
+
+
+# Choosing
+
+
+def why_only_counting(max_tests: int) -> str | None:
+    """Say why only counting is possible; None if trees and importance sampling are."""
+    if importlib.util.find_spec("torch") is None:
+        return 'teaching needs torch; install it with: pip install "cornerforge[learn]"'
+    from cornerforge.rates.teaching import TEACHING_TREES
+
+    least = PLAIN_TESTS + TEACHING_TREES + TREES
+    if max_tests < least:
+        return f"--max-tests is below {least:,}, too few to learn what is dangerous."
+    return None
+
+
+def _why_counting(run: Experiment, counts: MonteCarlo, target: float) -> str | None:
+    """Say why counting is the faster way; None if trees are, or if it is not known."""
+    width = counts.half_width()
+    if counts.av_crashes < ENOUGH_TO_FORESEE or width is None:
+        return None
+    cost, unit = _cost(run, counts)
+    trees = _TREES_TAKE_S if run.foreign is None else cost / counts.valid_tests * _TREES_TAKE_TESTS
+    takes = cost * (width / target) ** 2
+    return None if takes > trees else f"plain tests will take about {takes:.0f} s {unit}, trees {trees:.0f} s or more"
+
+
+def _cost(run: Experiment, counts: MonteCarlo) -> tuple[float, str]:
+    """Say what counting took [s] and of what: an AV from outside needs time that is not this program's."""
+    return (counts.cpu_seconds, "of CPU time") if run.foreign is None else (counts.seconds, "by the clock")
+
+
+def _why_trees(counts: MonteCarlo) -> str:
+    return f"{counts.valid_tests:,} plain tests had {counts.av_crashes} crashes, so counting would take longer"
+
+
+# Both ways
+
+
+def _count(session: PlainTests, target: float, max_tests: int) -> NaturalRate:
+    """Count to the end."""
+    with kept_if_interrupted(session):
+        return session.store(session.drive(target, max_tests))
+
+
+def _split(session: PlainTests, split: Splitting, reason: str, target: float, max_tests: int) -> NaturalRate:
+    """Find the rate by trees of tests; if they find no crash, the plain tests' rate and interval stand, in doubt."""
+    plain = session.counts
+    session.leave_to_trees()
+    split.start()
+    state = split.drive(target, max(TREES, max_tests - plain.tests - split.taught.tests))
+    found = split.rate
+    picked = split.picked() if found.rate > 0.0 else []
+    mechanisms = kind_rates(picked, "mechanism", found) if picked else {}
+    cpu = plain.cpu_seconds + split.taught.cpu_seconds + split.cost.cpu_seconds
+    seconds = plain.seconds + split.seconds
+    spent = cpu if session.run.foreign is None else seconds
+    fields = {
+        **session.plain_part(),
+        "method": "is" if split.tilted else "splitting",
+        "reason": reason,
+        "relative_half_width": None,
+        "relative_half_width_90": None,
+        "doubts": (_NO_CRASH,),
+        "effort": Effort(plain=cost_of(plain), teaching=split.taught, estimation=split.cost),
+        "av_crashes": split.crashes,
+        "effective_sample_size": round(found.effective),
+        "largest_share": None,
+        "halves": found.halves,
+        "tail_index": found.tail if found.tail is None or math.isfinite(found.tail) else None,
+        "acceleration": found.counted_tests * _cost(session.run, plain)[0] / plain.valid_tests / spent,
+        "seconds": round(seconds, 3),
+        "cpu_seconds": round(cpu, 3),
+        "tests_per_second": round(found.n / split.seconds, 1),
+        "digest": split.digest,
+        "state": "no crash",
+        **_kind_counts(picked),
+        "crash_type_rates": kind_rates(picked, "crash_type", found) if picked else {},
+        "mechanism_rates": mechanisms,
+        "crash_circumstances": None,
+    }
+    if picked:
+        per_mile = None if plain.miles == 0.0 else plain.valid_tests / plain.miles
+        low, high = split.interval
+        fields |= {
+            "tests": found.n,
+            "crashes_per_test": found.rate,
+            "interval95": (low, high),
+            "crashes_per_mile": None if per_mile is None else found.rate * per_mile,
+            "interval95_per_mile": None if per_mile is None else (low * per_mile, high * per_mile),
+            "relative_half_width": split.half_width,
+            "relative_half_width_90": found.half_width_90,
+            "doubts": split.doubts(plain, session.kinds(), mechanisms),
+            "largest_share": found.largest,
+            "state": state,
+        }
+    return NaturalRate(**fields)
+
+
+def _kind_counts(picked: list[PickedCrash]) -> dict[str, Any]:
+    types, mechanisms = Counter(crash.crash_type for crash in picked), Counter(crash.mechanism for crash in picked)
+    return {
+        "crash_types": {name: types[name] for name in CRASH_TYPES.values()},
+        "mechanisms": {name: mechanisms[name] for name in MECHANISMS},
+    }

@@ -1,0 +1,427 @@
+"""`train` trains an adversary and measures it on tests that it never saw."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack
+
+import numpy as np
+
+from cornerforge._arguments import checked
+from cornerforge._checks import check_integer, check_number
+from cornerforge._locks import claims
+from cornerforge.adversary.checkpoint import CheckpointFile
+from cornerforge.adversary.config import TrainConfig, preset_named
+from cornerforge.adversary.verdicts import count_paid, verdict_of
+from cornerforge.errors import OutputError
+from cornerforge.execution.progress import NO_PROGRESS, Progress, moving
+from cornerforge.experiment.counting import CHUNK, check_not_all_spoiled, rate_summary
+from cornerforge.experiment.forecast import forecast
+from cornerforge.experiment.output import check_new_file, code_hash, provenance, read_json_file, version, write_json
+from cornerforge.experiment.policy_file import Policy, load_policy, policy_hash, save_policy
+from cornerforge.experiment.setting import AV_LOG, Experiment, check_threads, experiment
+from cornerforge.foreign.driver import answers_per_second, answers_per_test
+from cornerforge.intervals import binomial_interval
+from cornerforge.ndd.model import model_hash
+from cornerforge.results import Trained
+from cornerforge.results.learning import Baseline
+from cornerforge.results.rates import Yield
+from cornerforge.sim import ADVERSARIES, NO_CAST, Tally, crashed_tests, judge_crashes, reward_numbers, simulate_chunks
+from cornerforge.world_options import WorldKeywords, WorldOptions
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from cornerforge.adversary.train import CurvePoint, TrainResult
+    from cornerforge.sim import RewardNumbers
+
+__all__ = [
+    "BASELINES",
+    "EVALUATION_TESTS",
+    "canonical_curve",
+    "checkpoint_beside",
+    "curve_report",
+    "evaluate",
+    "judge",
+    "learn",
+    "load_timed_policy",
+    "measure_baselines",
+    "point_seconds",
+    "provenance_beside",
+    "train",
+    "training_faults",
+    "write_provenance_beside",
+    "yield_of",
+]
+
+EVALUATION_TESTS = 1 << 41
+"""Number of the first evaluation test: far from those of training and of generation."""
+STAND_IN_ADVICE = (
+    "Of a slow AV, train against a stand-in (--av idm-mobil) and generate cases with the AV itself; run --hours does."
+)
+BASELINES = ("uniform", "lane-changer", "swerve")
+"""Plain adversaries, each unmasked and masked, and traffic without an adversary stand beside every yield."""
+
+
+def _about(run: Experiment, config: TrainConfig, result: TrainResult, seed: int) -> dict[str, Any]:
+    return {
+        "cornerforge": version(),
+        "code": code_hash(),
+        "train": asdict(config),
+        "seed": seed,
+        "odd": run.odd.stated(),
+        "av": run.av.name,
+        "av_hash": run.av_hash,
+        "model_hash": model_hash(run.model),
+        "decisions": result.decisions,
+        "updates": result.updates,
+        "curve": canonical_curve(result),
+    }
+
+
+def canonical_curve(result: TrainResult) -> list[dict[str, Any]]:
+    """Return the training curve without times, for files: the same training then gives the same bytes."""
+    return [asdict(point) | {"seconds": None} for point in result.curve]
+
+
+def point_seconds(result: TrainResult) -> list[float]:
+    """Return the times at which the points of the curve were reached [s], for provenance files."""
+    return [point.seconds for point in result.curve]
+
+
+def provenance_beside(policy: Path) -> Path:
+    """Return the provenance file of a policy, NAME.provenance.json beside NAME.safetensors: date, duration, machine."""
+    return policy.with_name(f"{policy.stem}.provenance.json")
+
+
+def write_provenance_beside(policy: Path, run: Experiment, result: TrainResult, seed: int) -> None:
+    """Write the provenance file beside a policy.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    identity = {**run.identity(seed), "code": code_hash()}
+    times = {"point_seconds": point_seconds(result)}
+    write_json(provenance_beside(policy), {**provenance(identity, round(result.seconds, 3)), **times})
+
+
+def load_timed_policy(path: Path) -> Policy:
+    """Load a policy and add to its curve the times from the provenance file; old policies hold the times themselves.
+
+    Raises:
+        FileFormatError: A file is damaged.
+    """
+    policy = load_policy(path)
+    curve, beside = policy.about.get("curve"), provenance_beside(path)
+    if not isinstance(curve, list) or not beside.exists():
+        return policy
+    seconds = read_json_file(beside).get("point_seconds")
+    if not isinstance(seconds, list) or len(seconds) != len(curve):
+        return policy  # the provenance belongs to a policy that stood here before
+    timed = [{**point, "seconds": at} for point, at in zip(curve, seconds, strict=True)]
+    return replace(policy, about={**policy.about, "curve": timed})
+
+
+def checkpoint_beside(policy: Path, run: Experiment, config: TrainConfig, seed: int) -> CheckpointFile:
+    """Return the checkpoint file of the training of `policy`; it refuses the state of other settings or other code."""
+    identity = {
+        "seed": seed,
+        "bounded": run.bounded,
+        "budget": run.budget,
+        "av_hash": run.av_hash,
+        "model_hash": model_hash(run.model),
+        **{f"train.{name}": value for name, value in asdict(config).items()},
+        **{f"odd.{name}": value for name, value in run.odd.stated().items()},
+        "code": code_hash(),
+    }
+    return CheckpointFile(policy.with_name(f"{policy.name}.checkpoint"), identity)
+
+
+def curve_report(progress: Progress, config: TrainConfig, max_seconds: float | None) -> Callable[[CurvePoint], None]:
+    """Return a function that reports a training's progress: in decisions, or in seconds if the time ends it."""
+
+    def report(point: CurvePoint) -> None:
+        if max_seconds is None:
+            progress("train", point.decisions, config.decisions)
+        else:
+            progress("train", min(point.seconds, max_seconds), max_seconds)
+
+    return report
+
+
+def learn(
+    run: Experiment,
+    config: TrainConfig,
+    *,
+    seed: int,
+    threads: int | None = None,
+    max_seconds: float | None = None,
+    progress: Progress = NO_PROGRESS,
+    checkpoint: CheckpointFile | None = None,
+) -> tuple[Policy, TrainResult]:
+    """Train on an experiment (`bounded` and `budget` give the mask), or go on from the checkpoint."""
+    from cornerforge.adversary.train import train_adversary
+
+    run.rest()  # a training has processes of its own
+    answered = run.answered() if max_seconds is None else None
+    each = 1.0 / answers_per_second(run.setting)
+    with moving(progress, answered, each, "train", 0, config.decisions) as told:
+        result = train_adversary(
+            run.setting,
+            run.slots,
+            config,
+            av=run.foreign,
+            verdict=verdict_of(config.reward, run),
+            seed=seed,
+            threads=check_threads(threads),
+            max_seconds=max_seconds,
+            progress=curve_report(told, config, max_seconds),
+            checkpoint=checkpoint,
+        )
+    policy = Policy(result.weights, config.network, run.bounded, _about(run, config, result, seed), run.budget)
+    return policy, result
+
+
+def training_faults(run: Experiment) -> int:
+    """Count the tests of a training that were abandoned because the foreign AV failed in them."""
+    return 0 if run.foreign is None else sum(test < EVALUATION_TESTS for _, test in run.foreign.faults)
+
+
+def evaluate(
+    run: Experiment,
+    *,
+    tests: int,
+    seed: int,
+    delay_s: float = 1.0,
+    reward: str = "crash",
+    threads: int | None = None,
+    progress: Progress = NO_PROGRESS,
+) -> Yield:
+    """Measure the yield on evaluation tests: all crashes, crashes avoidable by braking, crashes in which the AV struck.
+
+    Under a reward that is judged by cases, crashes that it pays for, too.
+
+    Args:
+        run: The experiment.
+        tests: Number of tests, at least 1.
+        seed: Seed of the tests.
+        delay_s: The AV's time to react, for `sim.braking.is_avoidable` [s].
+        reward: Name of the reward whose crashes are counted if it is judged by cases.
+        threads: None for all cores; does not change the result.
+        progress: Told how far it is.
+    """
+    tally, crashed = Tally(), []
+    if run.foreign is not None:
+        run.foreign.keep_scripts()  # crashes are judged by what the AV answered
+        run.foreign.forget_scripts()
+    each = 1.0 / answers_per_test(run.setting)
+    with moving(progress, run.answered(), each, "evaluate", 0, tests) as told:
+        for first, out, counts in simulate_chunks(
+            run.setting, run.slots, seed=seed, first=EVALUATION_TESTS, tests=tests, threads=run.processes(threads),
+            chunk=run.range_size(CHUNK, tests, threads), drive=run.drive,
+        ):  # fmt: skip
+            tally.add(out, counts)
+            crashed += crashed_tests(first, out)
+            told("evaluate", tally.tests + tally.av_faults, tests)
+    check_not_all_spoiled(run, tally.tests, tests)
+    strikes, avoidable = judge(run, seed, crashed, reward_numbers("avoidable", delay_s), check_threads(threads))
+    counted = count_paid(run, seed, crashed, reward, check_threads(threads))
+    run.rest()  # importing torch may keep frames, and what they hold, until memory is tidied
+    return yield_of(len(crashed), tally.tests, tally.miles, int(strikes.sum()), int(avoidable.sum()), **counted)
+
+
+def yield_of(
+    crashes: int, tests: int, miles: float, strikes: int, avoidable: int, *, paid: int | None, strictly: int | None
+) -> Yield:
+    """Make a yield of counts: crashes, in how many of them the AV struck, and how many braking would have avoided.
+
+    `paid` and `strictly` as `verdicts.count_paid` gives them.
+    """
+    return Yield(
+        **vars(rate_summary(crashes, tests, miles)),
+        avoidable_per_test=avoidable / tests,
+        avoidable_interval95=binomial_interval(avoidable, tests),
+        striking_share=strikes / crashes if crashes else None,
+        striking_interval95=binomial_interval(strikes, crashes) if crashes else None,
+        paid_per_test=None if paid is None else paid / tests,
+        paid_interval95=None if paid is None else binomial_interval(paid, tests),
+        strictly_paid_per_test=None if strictly is None else strictly / tests,
+    )
+
+
+def judge(
+    run: Experiment, seed: int, crashed: list[int], reward: RewardNumbers, threads: int
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Judge crashed tests: did the AV strike, would braking have avoided the crash? Bool (n,) each."""
+    if run.foreign is None:
+        return judge_crashes(run.setting, run.slots, seed=seed, tests=crashed, braking=reward.braking, threads=threads)
+    recorder = run.recorder()
+    judged = np.array([recorder.judge(seed, test, reward.braking) for test in crashed], dtype=np.bool_).reshape(-1, 2)
+    return judged[:, 0], judged[:, 1]
+
+
+def measure_baselines(
+    run: Experiment,
+    *,
+    tests: int,
+    seed: int,
+    delay_s: float = 1.0,
+    reward: str = "crash",
+    threads: int | None = None,
+    progress: Progress = NO_PROGRESS,
+) -> tuple[Baseline, ...]:
+    """Measure the plain adversaries with and without the NDD-bounded mask, and no adversary, on the same tests.
+
+    Traffic without an adversary has no mask and is measured once.
+    """
+    rates = []
+    for name in ("nobody", *BASELINES):
+        for bounded in (False,) if name == "nobody" else (False, True):
+            budget = run.setting.who.budget if bounded else 0
+            setting = run.setting.with_drivers(
+                critical=ADVERSARIES[name], bounded=int(bounded), budget=budget, temperature=0.0, cast=NO_CAST
+            )
+            plain = replace(run, setting=setting, bv=name, bounded=bounded, policies=(), acting="greedy")
+            rate = evaluate(
+                plain, tests=tests, seed=seed, delay_s=delay_s, reward=reward, threads=threads, progress=progress
+            )
+            rates.append(Baseline(name=f"{name}, bounded" if bounded else name, bounded=bounded, **vars(rate)))
+    return tuple(rates)
+
+
+@checked
+@claims()
+def train(
+    *,
+    out: Path | str,
+    preset: str = "fast",
+    reward: str = "crash",
+    delay: float = 1.0,
+    decisions: int | None = None,
+    minutes: float | None = None,
+    resume: bool = False,
+    tests: int = 8192,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress = NO_PROGRESS,
+    **world: Unpack[WorldKeywords],
+) -> Trained:
+    """Train the adversary (dueling double DQN) and write its policy.
+
+    The policy is the one at the end of training; tests are not used to pick one. It and the plain adversaries are
+    measured on evaluation tests, which no training and no generation uses.
+
+    Args:
+        out: Policy file, `.safetensors`; must not exist unless `resume`. Date and duration of the training stand in
+            `NAME.provenance.json` beside it, so that the same training gives a policy of the same bytes.
+        preset: "fast" or "paper".
+        reward: Which crashes of the AV give a reward: a name of `sim.rewards.REWARDS`; `preventable:DRIVER` names the
+            reference driver.
+        delay: For the reward `avoidable`, and for counting avoidable crashes: the AV's time to react [s].
+        decisions: Length in decisions; None for the preset's. The same seed and decisions give the same weights
+            (PyTorch may round differently on another processor; the weights then differ).
+        minutes: Stop after this time [min], and let the learning rate fall over it; the result then depends on the
+            machine's speed. If `decisions` is given too, the training ends at whichever comes first.
+        resume: Go on with a stopped training of the same command (its state is in `OUT.checkpoint`); the weights are
+            the same as without the stop, unless `minutes` ends it. If `out` holds a finished policy of the same seed,
+            length and world, keep it and only measure it again.
+        tests: Evaluation tests.
+        seed: 0 or more.
+        threads: None for all cores; does not change the weights.
+        progress: Told how far it is.
+        world: The world to learn in, keyword by keyword; see `WorldOptions`.
+
+    Returns:
+        What `cornerforge train --json` prints: the yield, the yields of plain adversaries, and where the policy is.
+
+    Raises:
+        CornerForgeError: Input, files or output place are not right.
+    """
+    path = Path(out)
+    check_integer("seed", seed, low=0, high=2**63 - 1)
+    check_integer("tests", tests, low=1, high=10**9)
+    config = replace(preset_named(preset), reward=reward, delay_s=delay)
+    if decisions is not None:
+        config = replace(config, decisions=check_integer("decisions", decisions, low=1, high=10**12))
+    if minutes is not None:
+        check_number("minutes", minutes, low=0.01, high=1e5, unit="min")
+        if decisions is None:
+            config = replace(config, decisions=10**12)  # only the time ends it
+    options = WorldOptions(**world)
+    run = experiment(options, bv="uniform", takes_foreign=True, seed=seed)
+    check_new_file(path, overwrite=resume)
+    checkpoint = checkpoint_beside(path, run, config, seed)
+    check_new_file(checkpoint.path, overwrite=True)
+    check_new_file(provenance_beside(path), overwrite=True)
+    if not resume:
+        checkpoint.check_absent()
+    log = path.with_name(f"{path.stem}.{AV_LOG}")
+    run.keep_printed(log)
+    kept = resume and path.exists()
+    if kept:
+        policy = load_policy(path)
+        _check_same(policy, run, config, seed, path)
+        checkpoint.read()  # only a checkpoint of this training is removed below
+        seconds = 0.0
+    else:
+        if minutes is None:
+            forecast(
+                run, threads, f"training for {config.decisions:,} decisions, and {8 * tests:,} tests for the yields",
+                decisions=config.decisions, tests=8 * tests, advice=STAND_IN_ADVICE,
+            )  # fmt: skip
+        policy, result = learn(
+            run,
+            config,
+            seed=seed,
+            threads=threads,
+            max_seconds=None if minutes is None else 60.0 * minutes,
+            progress=progress,
+            checkpoint=checkpoint,
+        )
+        write_provenance_beside(path, run, result, seed)
+        save_policy(policy, path)  # last: where it is, a resumed command takes the training for done
+        seconds = result.seconds
+    checkpoint.remove()
+    trained = experiment(options.without_mask(), policy=policy, takes_foreign=True, seed=seed)
+    trained.keep_printed(log)
+    measured: dict[str, Any] = {"tests": tests, "seed": seed, "delay_s": delay, "reward": reward, "threads": threads}
+    about: Any = policy.about
+    return Trained(
+        decisions=about["decisions"],
+        updates=about["updates"],
+        seconds=round(seconds, 3),
+        preset=preset,
+        bounded=run.bounded,
+        budget=run.budget,
+        reward=reward,
+        delay_s=delay,
+        **vars(evaluate(trained, **measured, progress=progress)),
+        baselines=measure_baselines(run, **measured, progress=progress),
+        policy_hash=policy_hash(policy),
+        kept=kept,
+        av_faults=training_faults(run),
+        out=str(path),
+    )
+
+
+def _check_same(policy: Policy, run: Experiment, config: TrainConfig, seed: int, path: Path) -> None:
+    """Check that a kept policy is the one that this command would train.
+
+    Raises:
+        OutputError: The file holds another policy.
+    """
+    found = {**policy.about, "bounded": policy.bounded, "budget": policy.budget}
+    wanted = {
+        "seed": seed,
+        "bounded": run.bounded,
+        "budget": run.budget,
+        "av_hash": run.av_hash,
+        "model_hash": model_hash(run.model),
+        "train": asdict(config),
+        "odd": run.odd.stated(),
+    }
+    for key, value in wanted.items():
+        if found.get(key) != value:
+            raise OutputError(f"{path} holds a policy of another {key}; choose another place, or remove it.")
