@@ -14,21 +14,12 @@ from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.errors import InputError
 from cornerforge.execution.progress import NO_PROGRESS, Progress, begin_part
 from cornerforge.experiment.forecast import forecast
-from cornerforge.experiment.output import (
-    SUMMARY,
-    code_hash,
-    config_hash,
-    open_output,
-    provenance,
-    version,
-    write_json,
-)
+from cornerforge.experiment.output import code_hash, config_hash, open_output, version
 from cornerforge.experiment.policy_file import load_policy
 from cornerforge.experiment.setting import AV_LOG, Experiment, check_threads, experiment
 from cornerforge.library.filling import fill_library
-from cornerforge.results import Analysed, Filled, NaturalRate, RunDone, as_json
+from cornerforge.results import Analysed, Filled, NaturalRate, RunDone
 from cornerforge.results.rates import Yield
-from cornerforge.results.whole import RunTrained
 from cornerforge.verbs.analyse import analyse
 from cornerforge.verbs.effort import effort_and_budget
 from cornerforge.verbs.rate import rate, why_only_counting
@@ -37,12 +28,14 @@ from cornerforge.verbs.stages import (
     LIBRARY_FILES,
     TRAINING_FILES,
     Counted,
+    Finished,
     NaturalCases,
     PlainRates,
     Stages,
     TrainedStage,
     analyse_natural,
     count,
+    finish,
     natural_files,
     plain_rates,
     train_stage,
@@ -256,32 +249,11 @@ def run(
         lambda: analyse(folder / "library", out=folder / "analysis", seed=seed, progress=progress),
         ANALYSED_FILES,
     )
-    from cornerforge.report import write_report
-
     begin_part(progress, _STAGES, _STAGES)
-    progress("report", 0, 1)
-    done = RunDone(
-        out=str(folder),
-        version=version(),
-        effort=effort,
-        seed=seed,
-        av=options.av,
-        bounded=plain.bounded,
-        budget=plain.budget,
-        reward=reward,
-        nde=nde.rate,
-        natural=often,
-        natural_cases=natural_cases.analysed,
-        train=RunTrained(**vars(trained.policy), **vars(evaluation)),
-        baselines=baselines.rates,
-        generate=filled,
-        analyse=analysed,
-        report=str(folder / "report.html"),
-        seconds=round(time.perf_counter() - start, 3),
-    )
-    write_json(folder / SUMMARY, as_json(done))
-    made = provenance({**identity, "policy_hash": trained.policy.policy_hash}, done.seconds)
-    write_json(folder / "provenance.json", {**made, "point_seconds": list(trained.point_seconds)})
-    write_report(folder)
-    progress("report", 1, 1)
-    return done
+    return finish(
+        Finished(
+            effort=effort, nde=nde, natural=often, natural_cases=natural_cases, trained=trained, reached=evaluation,
+            baselines=baselines, filled=filled, analysed=analysed,
+        ),
+        identity, folder, mask=plain, av=options.av, seed=seed, reward=reward, begun=start, progress=progress,
+    )  # fmt: skip

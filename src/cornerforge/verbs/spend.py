@@ -25,7 +25,7 @@ from cornerforge.execution import cpu_seconds
 from cornerforge.execution.progress import Progress, moving
 from cornerforge.experiment.counting import CHUNK, check_not_all_spoiled, rate_summary, simulate_experiment
 from cornerforge.experiment.forecast import pace_text, seconds_of
-from cornerforge.experiment.output import SUMMARY, code_hash, config_hash, open_output, provenance, version, write_json
+from cornerforge.experiment.output import code_hash, config_hash, open_output, version
 from cornerforge.experiment.policy_file import load_policy
 from cornerforge.experiment.setting import AV_LOG, Experiment, check_threads, experiment
 from cornerforge.foreign.driver import answers_per_test
@@ -37,8 +37,8 @@ from cornerforge.library.filling import fill_library, library_summary
 from cornerforge.rates.exposure import BvTravel
 from cornerforge.rates.monte_carlo import Block, MonteCarlo
 from cornerforge.rates.plain import PlainTests
-from cornerforge.results import Analysed, NaturalRate, RunDone, Simulated, as_json
-from cornerforge.results.whole import RunTrained, Spending, SpentOn
+from cornerforge.results import Analysed, NaturalRate, RunDone, Simulated
+from cornerforge.results.whole import Spending, SpentOn
 from cornerforge.sim import Tally, crashed_tests, reward_numbers, simulate_chunks, statistics
 from cornerforge.types import FRAME_S, METRES_PER_MILE
 from cornerforge.verbs.analyse import analyse
@@ -48,6 +48,7 @@ from cornerforge.verbs.stages import (
     LIBRARY_FILES,
     TRAINING_FILES,
     Counted,
+    Finished,
     NaturalCases,
     PlainRates,
     Stages,
@@ -55,6 +56,7 @@ from cornerforge.verbs.stages import (
     analyse_natural,
     count,
     exposure_counts,
+    finish,
     natural_files,
     plain_rates,
     train_stage,
@@ -481,35 +483,13 @@ def spend(
         parts=_parts(plan, trained, attacks, crashes, often, baselines, analysed),
         not_found=_not_found(plan, attacks, often, _test_miles(natural)),
     )
-    done = RunDone(
-        out=str(folder),
-        version=version(),
-        effort=f"{hours:g} h",
-        seed=seed,
-        av=options.av,
-        bounded=substitute.bounded,
-        budget=substitute.budget,
-        reward=reward,
-        nde=nde.rate,
-        natural=often,
-        natural_cases=roads.analysed,
-        train=RunTrained(**vars(trained.policy), **vars(found)),
-        baselines=baselines.rates,
-        generate=filled,
-        analyse=analysed,
-        report=str(folder / "report.html"),
-        seconds=round(time.perf_counter() - start, 3),
-        spending=spending,
-    )
-    write_json(folder / SUMMARY, as_json(done))
-    made = provenance({**identity, "policy_hash": trained.policy.policy_hash}, done.seconds)
-    write_json(folder / "provenance.json", {**made, "point_seconds": list(trained.point_seconds)})
-    from cornerforge.report import write_report
-
-    progress("report", 0, 1)
-    write_report(folder)
-    progress("report", 1, 1)
-    return done
+    return finish(
+        Finished(
+            effort=f"{hours:g} h", nde=nde, natural=often, natural_cases=roads, trained=trained, reached=found,
+            baselines=baselines, filled=filled, analysed=analysed, spending=spending,
+        ),
+        identity, folder, mask=substitute, av=options.av, seed=seed, reward=reward, begun=start, progress=progress,
+    )  # fmt: skip
 
 
 def _compared(

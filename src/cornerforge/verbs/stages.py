@@ -3,32 +3,33 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig
 from cornerforge.errors import FileFormatError
 from cornerforge.execution.progress import NO_PROGRESS, Progress, begin_part
 from cornerforge.experiment.counting import simulate_experiment, tally_summary
-from cornerforge.experiment.output import read_json_file, write_json
+from cornerforge.experiment.output import SUMMARY, provenance, read_json_file, version, write_json
 from cornerforge.experiment.policy_file import policy_hash, save_policy
 from cornerforge.experiment.setting import Experiment
 from cornerforge.library.filling import MODEL_FILE
 from cornerforge.library.manifest import MANIFEST
-from cornerforge.results import Analysed, NaturalRate, Simulated, as_json, from_json
+from cornerforge.results import Analysed, Filled, NaturalRate, RunDone, Simulated, as_json, from_json
 from cornerforge.results.learning import Baseline, LearnedPolicy, TrainingCurve, TrainingPoint
-from cornerforge.results.whole import Exposed, ExposedTo, Exposure, ExposureMiles
+from cornerforge.results.rates import Yield
+from cornerforge.results.whole import Exposed, ExposedTo, Exposure, ExposureMiles, RunTrained, Spending
 from cornerforge.sim import Tally, statistics
 from cornerforge.verbs.analyse import ANALYSIS_FILES, analyse
 from cornerforge.verbs.train import canonical_curve, learn, measure_baselines, point_seconds, training_faults
 
 __all__ = [
-    "ANALYSED_FILES", "LIBRARY_FILES", "TRAINING_FILES", "Counted", "NaturalCases", "PlainRates", "Stages",
-    "TrainedStage", "analyse_natural", "count", "exposure_counts", "natural_files", "plain_rates", "train_stage",
-    "write_exposure",
+    "ANALYSED_FILES", "LIBRARY_FILES", "TRAINING_FILES", "Counted", "Finished", "NaturalCases", "PlainRates", "Stages",
+    "TrainedStage", "analyse_natural", "count", "exposure_counts", "finish", "natural_files", "plain_rates",
+    "train_stage", "write_exposure",
 ]  # fmt: skip
 
 T = TypeVar("T")
@@ -195,3 +196,68 @@ def natural_files(found: NaturalRate) -> tuple[str, ...]:
 
 def _natural_library(found: NaturalRate) -> str:
     return "library" if found.method == "mc" else "weighted"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finished:
+    """Results of all stages of a run; `effort` names it, `spending` says what hours were spent on."""
+
+    effort: str
+    nde: Counted
+    natural: NaturalRate
+    natural_cases: NaturalCases
+    trained: TrainedStage
+    reached: Yield
+    baselines: PlainRates
+    filled: Filled
+    analysed: Analysed | None
+    spending: Spending | None = None
+
+
+def finish(
+    found: Finished, identity: Mapping[str, Any], folder: Path, *, mask: Experiment, av: str, seed: int, reward: str,
+    begun: float, progress: Progress,
+) -> RunDone:  # fmt: skip
+    """Write `summary.json`, `provenance.json` and the report of a run, and give what `run --json` prints.
+
+    Args:
+        found: Results of its stages.
+        identity: Of the run; its policy's hash is added.
+        folder: Of the run.
+        mask: An experiment whose adversary is as bounded as the run's.
+        av: The AV, as the user named it.
+        seed: As given.
+        reward: As given.
+        begun: When the run began, by `time.perf_counter` [s].
+        progress: Told of the report.
+    """
+    from cornerforge.report import write_report
+
+    progress("report", 0, 1)
+    policy = found.trained.policy
+    done = RunDone(
+        out=str(folder),
+        version=version(),
+        effort=found.effort,
+        seed=seed,
+        av=av,
+        bounded=mask.bounded,
+        budget=mask.budget,
+        reward=reward,
+        nde=found.nde.rate,
+        natural=found.natural,
+        natural_cases=found.natural_cases.analysed,
+        train=RunTrained(**vars(policy), **vars(found.reached)),
+        baselines=found.baselines.rates,
+        generate=found.filled,
+        analyse=found.analysed,
+        report=str(folder / "report.html"),
+        seconds=round(time.perf_counter() - begun, 3),
+        spending=found.spending,
+    )
+    write_json(folder / SUMMARY, as_json(done))
+    made = provenance({**identity, "policy_hash": policy.policy_hash}, done.seconds)
+    write_json(folder / "provenance.json", {**made, "point_seconds": list(found.trained.point_seconds)})
+    write_report(folder)
+    progress("report", 1, 1)
+    return done
