@@ -34,7 +34,6 @@ OUTPUTS = {
     "replay LIB CASE --video": (FILE, ".gif"),
     "replay LIB CASE --out": (FILE, ".json"),
     "retest LIB --av rss-cautious --junit": (FILE, ".xml"),
-    "retest LIB --av rss-cautious --sarif": (FILE, ".sarif"),
     "retest LIB --av rss-cautious --page": (FILE, ".html"),
     "retest LIB --av rss-cautious --out": (FILE, ".json"),
     "suite build LIB --size 2 --out": (FOLDER, ""),

@@ -75,6 +75,9 @@ def call(capsys: Capture, *arguments: object) -> tuple[int, str, str]:
 # --- help ---
 
 
+GROUPS = [[], ["ndd"], ["suite"], ["cases"]]
+
+
 def all_commands() -> list[list[str]]:
     def walk(command: Any, path: list[str]) -> Iterator[list[str]]:
         yield path
@@ -214,14 +217,11 @@ def test_the_promised_commands_are_there() -> None:
     assert {*promised, *below_ndd, "avs"} <= {" ".join(path) for path in all_commands()}
 
 
-GROUPS = [[], ["ndd"], ["suite"], ["cases"]]
-
-
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("command", [path for path in all_commands() if path not in GROUPS], ids=" ".join)
 def test_every_command_takes_the_common_options(command: list[str], capsys: Capture) -> None:
     _, out, _ = call(capsys, *command, "--help")
-    for option in ("--quiet", "--json", "--debug", "--seed", "--threads", "--out"):
+    for option in ("--quiet", "--json", "--debug", "--out"):
         assert option in out
     assert "<bool>" not in out, "an option without a value shows none"
 
@@ -389,27 +389,45 @@ def test_run_makes_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, c
     assert "Report: " in out
 
 
-@pytest.mark.full
-@pytest.mark.parametrize("command", ["run --budget quick", "reproduce --budget quick --figure table1"])
-def test_the_old_name_of_effort_goes_on_working_with_a_hint(
-    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
-) -> None:
-    tiny = run_module.Effort(
-        nde_tests=200,
-        natural_tests=200,
-        natural_rhw=0.3,
-        decisions=60_000,
-        evaluation_tests=200,
-        exposure_tests=100,
-        cases=8,
-    )
-    monkeypatch.setitem(run_module.EFFORTS, "quick", tiny)
-    monkeypatch.setattr("warnings.filters", [])  # as outside of tests, where warnings are no errors
-    status, _, err = call(capsys, *command.split(), "--out", tmp_path / "out", "--quiet")
-    assert (status, err.count("\n")) == (0, 1)
-    assert err.startswith("Warning: budget quick is called effort quick now (--effort quick)")
-    identity = json.loads((tmp_path / "out" / "provenance.json").read_text(encoding="utf-8"))["identity"]
-    assert identity["effort"] == "quick"
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("run --budget quick", "--budget names a likelihood in nats; the amount of work is --effort quick."),
+        ("reproduce --budget=full", "--budget names a likelihood in nats; the amount of work is --effort full."),
+        ("simulate --av-sandbox", "--av-sandbox is gone since 0.2: start cornerforge itself in bubblewrap"),
+        ("retest lib --av rl --sarif a.sarif", "--sarif is gone since 0.2: write JUnit XML"),
+    ],
+)
+def test_what_is_gone_says_what_to_use(words: str, told: str, capsys: Capture) -> None:
+    status, out, err = call(capsys, *words.split())
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert told in err
+
+
+def test_a_config_file_that_names_what_is_gone_is_told(tmp_path: Path, capsys: Capture) -> None:
+    (tmp_path / "old.toml").write_text("av-sandbox = true\n", encoding="utf-8")
+    status, _, err = call(capsys, "simulate", "--config", tmp_path / "old.toml")
+    assert (status, err.count("\n")) == (2, 1)
+    assert "av-sandbox is gone since 0.2: start cornerforge itself in bubblewrap" in err
+
+
+@pytest.mark.parametrize("words", [words for words in all_commands() if words not in GROUPS], ids=" ".join)
+def test_every_command_takes_a_seed_and_threads(words: list[str], capsys: Capture) -> None:
+    """Scripts need not know which commands draw or compute."""
+    for option in ("seed", "threads"):
+        status, out, err = call(capsys, *words, f"--{option}=many")
+        assert (status, out) == (2, "")
+        assert option in err
+        assert "No such option" not in err
+
+
+def test_a_seed_changes_nothing_where_nothing_is_drawn(tmp_path: Path, capsys: Capture) -> None:
+    first, second = (call(capsys, "avs", "--json", *more) for more in ((), ("--seed", "3", "--threads=2")))
+    assert first == second
+    assert first[0] == 0
+    status, _, err = call(capsys, "init", tmp_path / "new", "--threads", "0")
+    assert (status, err.count("\n")) == (2, 1)
+    assert "threads = 0 is out of range" in err
 
 
 def on_a_terminal(*arguments: str) -> tuple[str, str]:
@@ -636,17 +654,11 @@ BAD: dict[str, tuple[Callable[[Path, Path], None], str, str]] = {
     "unknown AV": (nothing, "simulate --av idm-mobl", 'Did you mean "idm-mobil"'),
     "unknown BV": (nothing, "simulate --bv swerv", 'Did you mean "swerve"'),
     "unknown ODD": (nothing, "simulate --odd defalt", 'Did you mean "default"'),
-    "unknown budget": (nothing, "run --budget quik --out {n}/out", 'Did you mean "quick"'),
+    "a budget that is no number": (nothing, "run --budget quik --out {n}/out", "--budget"),
     "unknown effort": (nothing, "run --effort quik --out {n}/out", 'Did you mean "quick"'),
-    "effort and its old name": (nothing, "run --effort quick --budget standard --out {n}/out", "exclude each other"),
-    "effort and its old name, reproduce": (
-        nothing, "reproduce --effort full --budget full --out {n}/out", "leave the budget"
-    ),
     "unknown effort, reproduce": (nothing, "reproduce --effort ful --out {n}/out", 'Did you mean "full"'),
     "negative budget": (nothing, "run --budget -3 --out {n}/out", "budget = -3"),
-    "a likelihood budget, reproduce": (nothing, "reproduce --budget 3 --out {n}/out", "no likelihood budget"),
     "unknown figure": (nothing, "reproduce --figure table1 figur2 --out {n}/out", 'Did you mean "figure2"'),
-    "unknown budget, reproduce": (nothing, "reproduce --budget ful --out {n}/out", 'Did you mean "full"'),
     "negative seed, reproduce": (nothing, "reproduce --seed -1 --out {n}/out", "seed = -1"),
     "no policy for figure 2": (nothing, "reproduce --paper-policy {n}/p.safetensors --out {n}/out", "p.safetensors"),
     "reproduce into something else": (something_else, "reproduce --figure table1 --out {n}/thesis", "chapter1.tex"),

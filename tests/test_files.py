@@ -109,10 +109,7 @@ def test_a_file_of_given_content_is_whole_too(tmp_path: Path) -> None:
 
 
 def test_files_are_written_as_parts() -> None:
-    """Whoever writes a file writes its part, which `writing` gives; `append` alone, for logs, writes in place.
-
-    What a sandbox writes are settings of the kernel.
-    """
+    """Whoever writes a file writes its part, which `writing` gives; `append` alone, for logs, writes in place."""
     write = re.compile(
         r'(\w+)\)?\.(?:write_bytes|write_text|touch)\(|(\w+)\.open\("[wax]|(?<![\w.])open\((\w+), "[wax]'
     )
@@ -120,8 +117,7 @@ def test_files_are_written_as_parts() -> None:
         f"{path.name}: {wrote.group()}"
         for path in PACKAGE.rglob("*.py")
         for wrote in write.finditer(path.read_text(encoding="utf-8"))
-        if "part" not in wrote.groups()
-        and (path.name, wrote[3]) not in (("_files.py", "number"), ("sandbox.py", "path"))
+        if "part" not in wrote.groups() and (path.name, wrote[3]) not in (("_files.py", "number"),)
     ]
     assert found == []
 

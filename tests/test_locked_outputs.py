@@ -50,7 +50,7 @@ def test_every_command_is_listed() -> None:
         for name, child in getattr(command, "commands", {}).items():
             yield from walk(child, (*path, name))
         if path and not hasattr(command, "commands"):
-            options = {"--out", "--picture", "--video", "--junit", "--sarif", "--page"}
+            options = {"--out", "--picture", "--video", "--junit", "--page"}
             yield from (f"{' '.join(path)} {word}" for one in command.params for word in options & {*one.opts})
 
     wanted = set(walk(typer.main.get_command(app), ()))

@@ -34,13 +34,11 @@ VERBS = {
     "drive_case": AvAloneKeywords, "import_cases": AvAloneKeywords, "cases_from_data": AvAloneKeywords,
     "suite_build": AvAskedKeywords, "replay": AvProcessKeywords, "shrink": AvProcessKeywords,
 }  # fmt: skip
-# `budget` of run and reproduce is an old name of effort too.
 # The model of `ndd` is what they show, check or fill.
 OWN = {
     "run": {"bounded", "budget"},
-    "reproduce": {"budget"},
 } | {f"ndd_{name}": {"model"} for name in ("import", "show", "validate")}
-OF_COMMANDS = {"run": {"budget"}, "reproduce": {"budget"}, "plausibility": {"budget"}}
+OF_COMMANDS = {"run": {"budget"}, "plausibility": {"budget"}}
 # Here nobody need drive: the AV is "recorded" unless one is named.
 OF_COMMANDS |= {"import-cases": {"av"}, "cases-from-data": {"av"}}
 
@@ -50,7 +48,7 @@ def test_keywords_are_the_options() -> None:
     assert set(AvKeywords.__annotations__) == NAMES - {"bounded", "budget"}
     assert set(RoadKeywords.__annotations__) == {"odd", "lanes", "model"}
     assert set(DrivingEnvKeywords.__annotations__) == {"odd", "lanes", "model", "bounded"}
-    own = {"av", "av_timeout", "av_python", "av_memory", "av_sandbox"}
+    own = {"av", "av_timeout", "av_python", "av_memory"}
     assert set(AdversaryEnvKeywords.__annotations__) == {"odd", "lanes", "model", "bounded"} | own
     assert WorldOptions().av_timeout == DEFAULT_TIMEOUT
 

@@ -56,7 +56,6 @@ class WorldOptions:
         av_python: Python interpreter in which such an AV runs; None: the one of cornerforge.
         av_memory: Memory that each process of such an AV may take with all that it starts [GB], 0.25 to 1e6; None: half
             of the machine's.
-        av_sandbox: Let such an AV run without network, and write nothing but a scratch of its own (Linux).
     """
 
     av: str = field(
@@ -108,20 +107,16 @@ class WorldOptions:
         default=None,
         metadata={"unit": "GB", "help": "GB that a process of such an AV may take; half of the machine's by default."},
     )
-    av_sandbox: bool = field(
-        default=False,
-        metadata={"help": "Run such an AV without network and with a read-only file system (Linux)."},
-    )
 
     def without_mask(self) -> WorldOptions:
         """Copy the options without `bounded` and `budget`: for a policy, which brings its own."""
         return replace(self, bounded=False, budget=None)
 
     def with_av(self, av: str, *, is_foreign: bool) -> WorldOptions:
-        """Copy the options with another AV; Python, memory and sandbox are for one from outside only."""
+        """Copy the options with another AV; Python and memory are for one from outside only."""
         if is_foreign:
             return replace(self, av=av)
-        return replace(self, av=av, av_python=None, av_memory=None, av_sandbox=False)
+        return replace(self, av=av, av_python=None, av_memory=None)
 
 
 class RoadKeywords(TypedDict, total=False):
@@ -138,7 +133,6 @@ class AvProcessKeywords(TypedDict, total=False):
     av_timeout: float
     av_python: str | None
     av_memory: float | None
-    av_sandbox: bool
 
 
 class AvAskedKeywords(AvProcessKeywords, total=False):

@@ -5,7 +5,7 @@
 in a new process. What would stop or hold a process is turned into what the process gives: a sleep beyond the time limit
 is "hung", at once; `sys.exit`, `os._exit`, `os.abort`, a signal to itself and whatever is no `Exception` is "ended".
 
-Tests of processes as such stay with `AvProcess`: native crashes, endless loops, memory, walls, other interpreters.
+Tests of processes as such stay with `AvProcess`: native crashes, endless loops, memory, other interpreters.
 `test_av_in_memory.py` holds the two together.
 """
 
@@ -182,7 +182,6 @@ class AvInMemory(AvProcess):
 
     def _start(self) -> None:
         assert self._confines.python is None, "another interpreter needs a process"
-        assert not self._confines.sandbox, "walls need a process"
         self._world = _World()
         self._finalizer = weakref.finalize(self, self._world.close)
 
@@ -245,7 +244,7 @@ def patched() -> Iterator[None]:
     """Ask the AVs of this Python in memory, as long as the block runs; what needs a process still gets one."""
 
     def made(spec: str, *, confines: Confines = Confines(), **arguments: Any) -> AvProcess:  # noqa: B008
-        needs_one = confines.python is not None or confines.sandbox
+        needs_one = confines.python is not None
         return (AvProcess if needs_one else AvInMemory)(spec, confines=confines, **arguments)
 
     with pytest.MonkeyPatch.context() as patch:

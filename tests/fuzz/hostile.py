@@ -32,7 +32,7 @@ _WRITERS = (
     "simulate --tests 300 --bv lane-changer --threads 1 --out",
     "generate --policy lane-changer --cases 1 --threads 1 --out", "rate --method mc --max-tests 50 --threads 1 --out",
     "analyse lib --threads 1 --out", "report lib --threads 1 --out", "replay lib 0:8 --picture",
-    "replay lib 0:8 --out", "retest lib --threads 1 --junit", "retest lib --threads 1 --sarif",
+    "replay lib 0:8 --out", "retest lib --threads 1 --junit",
     "retest lib --threads 1 --page", "retest lib --threads 1 --out", "export lib all --to csv --out",
     "export lib all --to openscenario --out", "shrink lib 0:8 --out", "query lib 'select 1' --out",
     "figure lib --out", "figure lib 0:8 --out", "init", "train --decisions 512 --tests 8 --threads 1 --out",

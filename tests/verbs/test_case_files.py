@@ -246,14 +246,12 @@ def test_a_new_crash_in_a_case_file_fails_the_command(
     (tmp_path / "heedless.py").write_text(AVS, encoding="utf-8")
     survived = replace(of_moving(braking_leader()), av="idm-mobil", happened=Happened())
     cornerforge.write_case_file(survived, tmp_path / "cases" / "braking.json")
-    words = ["retest", "cases", "--av", "heedless:Heedless", "--junit", "found.xml", "--sarif", "found.sarif", "--json"]
+    words = ["retest", "cases", "--av", "heedless:Heedless", "--junit", "found.xml", "--json"]
     assert cli.main(words) == 1
     told = json.loads(capsys.readouterr().out)
     assert (told["new_crashes"], told["got_worse"]) == (1, True)
     suite = ElementTree.parse(tmp_path / "found.xml").getroot()
     assert (suite.get("tests"), suite.get("failures")) == ("1", "1")
-    sarif = json.loads((tmp_path / "found.sarif").read_text(encoding="utf-8"))
-    assert sarif["runs"][0]["results"][0]["ruleId"] == "new-crash"
 
 
 def test_what_retest_cannot_do_with_case_files(tmp_path: Path, files: Path) -> None:

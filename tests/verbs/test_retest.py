@@ -84,7 +84,7 @@ def test_an_av_that_got_worse_fails_the_command(
     """An AV from outside that heeds nobody."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "heedless.py").write_text(HEEDLESS, encoding="utf-8")
-    xml, sarif = tmp_path / "found.xml", tmp_path / "found.sarif"
+    xml = tmp_path / "found.xml"
     words = [
         "retest",
         str(swerve_library),
@@ -95,7 +95,7 @@ def test_an_av_that_got_worse_fails_the_command(
         "--natural-tests",
         "2000",
     ]
-    assert cli.main([*words, "--junit", str(xml), "--sarif", str(sarif), "--json"]) == 1
+    assert cli.main([*words, "--junit", str(xml), "--json"]) == 1
     said = json.loads(capsys.readouterr().out)
     assert said["got_worse"]
     assert said["natural"]["verdict"] == "worse"
@@ -105,13 +105,7 @@ def test_an_av_that_got_worse_fails_the_command(
     new = [one["case"] for one in said["each"] if "new" in (one["recorded"], one["reacting"])]
     assert [case.get("name") for case in suite if case.find("failure") is not None] == [f"case {case}" for case in new]
     assert (int(suite.get("failures") or 0), int(suite.get("tests") or 0)) == (len(new), said["cases"])
-    log = json.loads(sarif.read_text(encoding="utf-8"))
-    assert log["version"] == "2.1.0"
-    (run,) = log["runs"]
-    rules = {rule["id"] for rule in run["tool"]["driver"]["rules"]}
-    assert {one["ruleId"] for one in run["results"]} <= rules
-    assert sum(one["level"] == "error" for one in run["results"]) == len(new)
-    # neither is written over, and that is said before anything is driven
+    # it is not written over, and that is said before anything is driven
     assert cli.main([*words, "--junit", str(xml)]) == 2
     assert "exists already" in capsys.readouterr().err
     assert cli.main(words) == 1

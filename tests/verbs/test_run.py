@@ -21,7 +21,6 @@ from cornerforge.experiment.setting import experiment
 from cornerforge.library import CaseLibrary
 from cornerforge.report.artefacts import read_artefacts
 from cornerforge.results import RunDone, as_json
-from cornerforge.verbs.effort import effort_and_budget
 
 pytestmark = pytest.mark.full
 
@@ -150,15 +149,8 @@ def test_a_run_is_for_a_reward(tmp_path: Path) -> None:
     assert read(tmp_path / "run" / "training.json")["config"]["reward"] == "preventable:fsm"
 
 
-def test_the_old_name_of_effort_is_taken_with_a_warning(finished: tuple[Path, RunDone]) -> None:
-    with pytest.warns(FutureWarning, match="--effort quick"):
-        again = cornerforge.run(budget="quick", out=finished[0], seed=2, resume=True)
-    assert again.effort == "quick"
-
-
-@pytest.mark.parametrize("budget", [5, 5.0, "5"])
+@pytest.mark.parametrize("budget", [5, 5.0])
 def test_a_number_is_a_likelihood_budget(budget: Any, finished: tuple[Path, RunDone]) -> None:
-    assert effort_and_budget("quick", budget, ("quick",)) == ("quick", 5.0)
     with pytest.raises(InputError, match="with bounded = False, not True"):
         cornerforge.run(budget=budget, out=finished[0], seed=2, resume=True)
 

@@ -14,8 +14,6 @@ from cornerforge.cli.options import (
     Config,
     Debug,
     Engine,
-    IdleSeed,
-    IdleThreads,
     Json,
     JsonFile,
     Library,
@@ -157,8 +155,6 @@ def shrink(
         typer.Option(help="Library of the shrunk cases; by default LIB-shrunk-CASE, for one case.", show_default=False),
     ] = None,
     resume: Resume = False,
-    seed: IdleSeed = 0,
-    threads: IdleThreads = None,
     world: World = None,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -190,8 +186,6 @@ def replay(
         Path | None,
         typer.Option(help="Film the case from above, to scale, into this .mp4, .webm or .gif.", show_default=False),
     ] = None,
-    seed: IdleSeed = 0,
-    threads: IdleThreads = None,
     world: World = None,
     out: JsonFile = None,
     quiet: Quiet = False,
@@ -245,7 +239,6 @@ def retest(
         typer.Option(help="Natural tests of both, at most; 10,000 with a baseline, else none.", show_default=False),
     ] = None,
     junit: Annotated[Path | None, typer.Option(help="New file: JUnit XML.", show_default=False)] = None,
-    sarif: Annotated[Path | None, typer.Option(help="New file: SARIF 2.1.0.", show_default=False)] = None,
     page: Annotated[
         Path | None,
         typer.Option(help="New file, .html: both versions side by side in the same cases.", show_default=False),
@@ -269,7 +262,7 @@ def retest(
 
     result = run_command(
         lambda bars: cornerforge.retest(
-            library, baseline=baseline, natural_tests=natural_tests, junit=junit, sarif=sarif, page=page,
+            library, baseline=baseline, natural_tests=natural_tests, junit=junit, page=page,
             count=count, seed=seed, threads=threads, progress=bars, **world,
         ),
         retest_text, as_json=as_json, quiet=quiet, out=out,
@@ -358,8 +351,6 @@ def query(
     ],
     seconds: Annotated[float, typer.Option(help="Longest time that the answer may take.")] = 10.0,
     megabytes: Annotated[int, typer.Option(help="Most memory that the answer may take.")] = 512,
-    seed: IdleSeed = 0,
-    threads: IdleThreads = None,
     out: JsonFile = None,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -381,8 +372,6 @@ def verify(
     paths: Annotated[
         list[Path], typer.Argument(metavar="PATH...", help="Files, or folders, which are searched.", show_default=False)
     ],
-    seed: IdleSeed = 0,
-    threads: IdleThreads = None,
     out: JsonFile = None,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -408,8 +397,6 @@ def verify(
 def migrate(
     library: Library,
     out: Annotated[Path, typer.Option(help="Folder of the new library.", show_default=False)],
-    seed: IdleSeed = 0,
-    threads: IdleThreads = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,

@@ -22,6 +22,7 @@ from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
+from cornerforge.cli.retired import RETIRED
 from cornerforge.errors import FileFormatError, InputError, UnknownNameError
 from cornerforge.world_options import WorldOptions
 
@@ -31,7 +32,7 @@ _NEVER = {"config", "help", "version"}
 """Options that a file cannot give."""
 _SHARED = {"seed", "threads", *(one.name.replace("_", "-") for one in fields(WorldOptions))}
 """Options that may stand at the top for other commands than the one that reads the file."""
-_NUMBER_OR_WORD = {"avoidability", "budget"}
+_NUMBER_OR_WORD = {"avoidability"}
 """Options of text in which a number is usual."""
 _MAY_NAME_FILES, _ENDINGS = {"bv", "policy"}, (".onnx", ".safetensors", ".zip")
 """Options of text that name a file where the text has such an ending."""
@@ -242,6 +243,8 @@ def _checked(table: dict[str, Any], here: str, commands: Mapping[str, Any], file
 def _unknown(key: str, here: str, commands: Mapping[str, Any]) -> str:
     """Say that a key is no option of a command, and what was meant: one of its options, or one of another command."""
     name = key.replace("_", "-")
+    if name in RETIRED:
+        return f"{key} is gone since 0.2: {RETIRED[name]}."
     if name in _NEVER:
         return f"{key} can be said on the command line only; remove it."
     own = _options(commands[here])

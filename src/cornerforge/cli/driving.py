@@ -14,8 +14,6 @@ from cornerforge.cli.options import (
     Config,
     Debug,
     Engine,
-    IdleSeed,
-    IdleThreads,
     Json,
     JsonFile,
     Quiet,
@@ -162,8 +160,6 @@ def rate(
 
 @command("cornerforge avs")
 def avs(
-    seed: IdleSeed = 0,
-    threads: IdleThreads = None,
     out: JsonFile = None,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -222,9 +218,8 @@ def check_av(
                 f"{speed_text(r.does.decisions_per_hour)} training decisions/h; {r.does.advice}"
             )
         lines += [f"what it printed, and its tracebacks: {r.log}"] if r.log else []
-        may = "it has no network and writes nothing" if r.sandbox else "it may do what you may (--av-sandbox)"
-        walls = f"sandbox {'on' if r.sandbox else 'off'}: {may}; memory: {r.memory_gb:.3g} GB a process"
-        return "\n".join([f"{r.av} ({r.kind}, {r.hash})", walls, *lines])
+        may = f"it may do what you may; memory: {r.memory_gb:.3g} GB a process"
+        return "\n".join([f"{r.av} ({r.kind}, {r.hash})", may, *lines])
 
     result = run_command(
         lambda bars: cornerforge.check_av(

@@ -10,8 +10,6 @@ import typer
 import cornerforge
 from cornerforge.cli.options import (
     Debug,
-    IdleSeed,
-    IdleThreads,
     Json,
     Library,
     Quiet,
@@ -58,8 +56,6 @@ def export(
         ),
     ] = "recorded",
     resume: Resume = False,
-    seed: IdleSeed = 0,
-    threads: IdleThreads = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -112,7 +108,6 @@ def import_cases(
     ] = None,
     world: World = None,
     seed: Seed = 0,
-    threads: IdleThreads = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -155,7 +150,6 @@ def cases_from_data(
     ] = None,
     world: World = None,
     seed: Seed = 0,
-    threads: IdleThreads = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 import cornerforge
-from cornerforge.cli.options import Config, DataFormat, Debug, IdleSeed, IdleThreads, Json, Quiet, Seed, Threads, flag
+from cornerforge.cli.options import Config, DataFormat, Debug, Json, Quiet, Seed, Threads, flag
 from cornerforge.cli.output import EXIT_GATE, run_command
 from cornerforge.cli.program import command, ndd
 
@@ -90,8 +90,6 @@ def ndd_show(
         Path | None, typer.Argument(metavar="M.npz", help="The model; the shipped one by default.", show_default=False)
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for figures (PNG).", show_default=False)] = None,
-    seed: IdleSeed = 0,
-    threads: IdleThreads = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -111,8 +109,6 @@ def ndd_import(
     model: Annotated[
         Path | None, typer.Option(help="Fills what is missing; the shipped model by default.", show_default=False)
     ] = None,
-    seed: IdleSeed = 0,
-    threads: IdleThreads = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,

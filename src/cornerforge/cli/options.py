@@ -14,7 +14,7 @@ from cornerforge.cli.config import read_config
 from cornerforge.world_options import REWARD_NAMES, WorldOptions
 
 __all__ = [
-    "Acting", "Address", "Config", "DataFormat", "Debug", "Engine", "IdleSeed", "IdleThreads", "Json", "JsonFile",
+    "Acting", "Address", "Config", "DataFormat", "Debug", "Engine", "Json", "JsonFile",
     "Library", "Quiet", "Resume", "Reward", "Seed", "Threads", "World", "completing", "flag", "takes_world",
 ]  # fmt: skip
 
@@ -47,18 +47,6 @@ def complete_odd(incomplete: str) -> list[str]:
     return completing(*ODDS)(incomplete)
 
 
-def _check_idle_seed(value: int) -> int:
-    from cornerforge._checks import check_integer
-
-    return check_integer("seed", value, low=0, high=2**63 - 1)
-
-
-def _check_idle_threads(value: int | None) -> int | None:
-    from cornerforge._checks import check_integer
-
-    return None if value is None else check_integer("threads", value, low=1, high=1024)
-
-
 Seed = Annotated[int, typer.Option(help="Names the random numbers; same seed, same results.")]
 Threads = Annotated[
     int | None, typer.Option(help="Threads; all cores by default. Does not change results.", show_default=False)
@@ -73,14 +61,6 @@ Engine = Annotated[
 Address = Annotated[
     str | None,
     typer.Option(help="Of a Ray cluster, HOST:PORT or auto; without it one is started here.", show_default=False),
-]
-# Every command takes --seed and --threads, so that scripts need not know which ones draw or compute.
-IdleSeed = Annotated[int, typer.Option("--seed", help="No effect here: nothing is drawn.", callback=_check_idle_seed)]
-IdleThreads = Annotated[
-    int | None,
-    typer.Option(
-        "--threads", help="No effect here: one thread does it.", show_default=False, callback=_check_idle_threads
-    ),
 ]
 Quiet = Annotated[bool, flag("--quiet", "No text and no progress bars.")]
 Json = Annotated[bool, flag("--json", "Print exactly one JSON object on standard output.")]
@@ -130,7 +110,7 @@ World: TypeAlias = Any
 _KINDS: dict[str, Any] = {
     "av": str, "odd": str, "lanes": int | None, "model": Path | None, "bounded": bool, "budget": float | None,
     "av_timeout": float, "av_batch": int | None, "av_processes": int | None, "av_python": str | None,
-    "av_memory": float | None, "av_sandbox": bool,
+    "av_memory": float | None,
 }  # fmt: skip
 _COMPLETED = {"av": complete_av, "odd": complete_odd}
 

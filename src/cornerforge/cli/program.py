@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from typing import Annotated, Any, TypeVar
 
 import typer
 import typer.core
 
 from cornerforge import __version__
+from cornerforge._words import shown
+from cornerforge.cli.retired import retired_among
+from cornerforge.errors import InputError
 
 __all__ = ["app", "cases", "command", "ndd", "suite"]
 
@@ -23,9 +26,43 @@ def _flags_without_value(options: list[Any]) -> list[Any]:
     return options
 
 
+_IDLE = {"seed": (0, 2**63 - 1), "threads": (1, 1024)}
+"""Options that every command takes, with their ranges, so that scripts need not know which commands draw or compute."""
+
+
+def _without_idle(words: list[str], known: Container[str]) -> list[str]:
+    """Take `--seed N` and `--threads N` out of the words for a command that does not know them: they have no effect.
+
+    Raises:
+        InputError: What stands there is no number in its range.
+    """
+    left = list(words)
+    for name, (low, high) in _IDLE.items():
+        for word in [] if name in known else words:
+            option, equals, value = word.partition("=")
+            if option == f"--{name}":
+                from cornerforge._checks import check_integer
+
+                place = left.index(word)
+                told = value if equals else next(iter(left[place + 1 : place + 2]), "")
+                if not told.removeprefix("-").isdecimal():
+                    raise InputError(f"{name} = {shown(told)} is not a whole number; allowed: from {low} to {high}.")
+                check_integer(name, int(told), low=low, high=high)
+                del left[place : place + (1 if equals else 2)]
+    return left
+
+
 class _Command(typer.core.TyperCommand):
     def get_params(self, ctx: Any) -> Any:
         return _flags_without_value(super().get_params(ctx))
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if not ctx.resilient_parsing:
+            told = retired_among(args)
+            if told is not None:
+                raise InputError(told)
+            args = _without_idle(args, {one.name for one in self.params})
+        return super().parse_args(ctx, args)
 
     def make_parser(self, ctx: Any) -> Any:
         """Take `--no-NAME` too for each flag that a config file could set; help of --config says so."""

@@ -15,8 +15,6 @@ from cornerforge._locks import claims
 from cornerforge.cli.options import (
     Config,
     Debug,
-    IdleSeed,
-    IdleThreads,
     Json,
     JsonFile,
     Quiet,
@@ -47,8 +45,6 @@ def init(
     folder: Annotated[
         Path, typer.Argument(metavar="DIR", help="The folder; new, or without these files.", show_default=False)
     ],
-    seed: IdleSeed = 0,
-    threads: IdleThreads = None,
     out: JsonFile = None,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -87,7 +83,7 @@ def run(
     out: Annotated[Path, typer.Option(help="Folder for everything.")] = Path("cornerforge-out"),
     world: World = None,
     budget: Annotated[
-        str | None,  # also the old name of --effort, which goes on working
+        float | None,
         typer.Option(metavar="NATS", help="Likelihood budget of a test in nats, as for train.", show_default=False),
     ] = None,
     reward: Reward = "crash",
@@ -183,7 +179,6 @@ def serve(
         ),
     ] = None,
     open_browser: Annotated[bool, flag("--open", "Open it in the browser.")] = False,
-    seed: IdleSeed = 0,
     threads: Threads = None,
     out: JsonFile = None,
     quiet: Quiet = False,
@@ -327,7 +322,6 @@ def reproduce(
             autocompletion=completing("quick", "standard", "full"),
         ),
     ] = None,
-    budget: Annotated[str | None, typer.Option(help="The old name of --effort.", hidden=True)] = None,
     paper_policy: Annotated[
         Path | None, typer.Option(help="A policy of preset paper, for Figure 2.", show_default=False)
     ] = None,
@@ -350,7 +344,7 @@ def reproduce(
     figures = [*(figure or []), *(more or [])] or None
     run_command(
         lambda bars: cornerforge.reproduce(
-            out=out, figures=figures, effort=effort, budget=budget, paper_policy=paper_policy, avs=more_av or (),
+            out=out, figures=figures, effort=effort, paper_policy=paper_policy, avs=more_av or (),
             resume=resume,
             seed=seed, threads=threads, progress=bars, **world,
         ),

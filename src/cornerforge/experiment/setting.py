@@ -217,7 +217,7 @@ def check_av_options(world: WorldOptions) -> None:
 
 def confines_of(world: WorldOptions) -> Confines:
     """Say in what the processes of a foreign AV run."""
-    return Confines(world.av_python, world.av_memory, world.av_sandbox)
+    return Confines(world.av_python, world.av_memory)
 
 
 def _joint_hash(policies: Sequence[Policy]) -> str | None:
@@ -343,7 +343,7 @@ def experiment(
         raise InputError(
             f"{RECORDED_AV} is no AV that could drive on its own: it is what was in the AV's seat of a case."
         )
-    for name in ("av_python", "av_memory", "av_sandbox"):
+    for name in ("av_python", "av_memory"):
         if getattr(world, name) not in (None, False) and not is_foreign(av):
             raise InputError(f"{name} is for AVs that are not built in; {av} is. Leave it out.")
     if is_foreign(av) and is_spread():

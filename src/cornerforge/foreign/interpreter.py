@@ -1,4 +1,4 @@
-"""In what an AV's process runs: the simulator's own Python or another one, how much memory, and whether behind walls.
+"""Surroundings of an AV's process: the simulator's own Python or another one, and how much memory.
 
 The process needs the standard library and NumPy only. Another interpreter finds this package, and nothing else of the
 simulator's environment, by its folder.
@@ -21,9 +21,6 @@ from typing import Any
 
 from cornerforge._checks import check_number
 from cornerforge.errors import InputError
-from cornerforge.foreign import sandbox
-from cornerforge.foreign.programs import PREFIX, is_program
-from cornerforge.foreign.sandbox import HIDDEN, SCRATCH, is_hidden
 
 __all__ = ["MARK", "OLDEST_PYTHON", "USUAL", "Confines", "check_interpreter", "environment", "in_use", "note_use",
            "worker_command"]  # fmt: skip
@@ -63,36 +60,32 @@ main(sys.argv[2])
 
 @dataclass(frozen=True)
 class Confines:
-    """In what an AV's process runs.
+    """Surroundings of an AV's process.
 
     Attributes:
         python: Interpreter; None: the simulator's own.
         memory: Memory that it may take with all that it starts [GB], 0.25 or more; None: half of the machine's.
-        sandbox: Behind walls (`foreign.sandbox`): no network, nothing written but a scratch of its own.
     """
 
     python: str | None = None
     memory: float | None = None
-    sandbox: bool = False
 
     def check(self) -> None:
         """Check what can be checked before an AV's process is started.
 
         Raises:
-            InputError: There is no such interpreter, too little memory, or this system allows no walls.
+            InputError: There is no such interpreter, or too little memory.
         """
         if self.memory is not None:
             check_number("av_memory", self.memory, low=_LEAST_GB, high=_MOST_GB, unit="GB")
         if self.python is not None:
             check_interpreter(self.python)
-        if self.sandbox:
-            _walls()
 
     def options(self) -> str:
         """Write it as options of the command line, with a blank before each."""
         python = "" if self.python is None else f" --av-python {shlex.quote(self.python)}"
         memory = "" if self.memory is None else f" --av-memory {self.memory:g}"
-        return python + memory + " --av-sandbox" * self.sandbox
+        return python + memory
 
     @property
     def gigabytes(self) -> float:
@@ -101,7 +94,7 @@ class Confines:
 
 
 USUAL = Confines()
-"""The simulator's own Python, half of the machine's memory, no walls."""
+"""The simulator's own Python, half of the machine's memory."""
 _used: weakref.WeakKeyDictionary[object, tuple[str, Confines]] = weakref.WeakKeyDictionary()
 
 
@@ -113,7 +106,7 @@ def note_use(owner: object, spec: str, confines: Confines) -> None:
 def in_use() -> dict[str, dict[str, Any]]:
     """Say in what the AVs from outside run that are at work, by their names; JSON-compatible."""
     return {
-        spec: {"sandbox": one.sandbox, "memory_gb": round(one.gigabytes, 3), "python": one.python or sys.executable}
+        spec: {"memory_gb": round(one.gigabytes, 3), "python": one.python or sys.executable}
         for spec, one in list(_used.values())
     }
 
@@ -130,96 +123,25 @@ def _half_of_the_machine() -> float:
 def environment(confines: Confines, mark: str = "") -> dict[str, str]:
     """Give the environment variables of an AV's process; by `mark` it is known."""
     variables = dict.fromkeys(_ONE_THREAD, "1") | dict(os.environ) | {MARK: mark}
-    if confines.sandbox:
-        variables["TMPDIR"] = SCRATCH
     if confines.python is None:
         search = [str(_PACKAGE.parent), *filter(None, [os.environ.get("PYTHONPATH")])]
         variables["PYTHONPATH"] = os.pathsep.join(search)
     return variables
 
 
-def worker_command(confines: Confines, spec: str, connection: int, line: int) -> list[str]:
+def worker_command(confines: Confines, connection: int, line: int) -> list[str]:
     """Give the command that starts an AV's process.
 
     Args:
         confines: In what it runs.
-        spec: The AV.
         connection, line: File numbers for `keeper.main`.
 
     Raises:
         InputError: It cannot run in that.
     """
     python = sys.executable if confines.python is None else check_interpreter(confines.python)
-    how = {"socket": connection, "line": line, "memory": int(1e9 * confines.gigabytes), "visible": None}
-    if not confines.sandbox:
-        return _keeper(python, how)
-    search = os.environ.get("PYTHONPATH", "").split(os.pathsep)
-    visible = {
-        os.path.realpath(folder)
-        for folder in (*sys.path, *search, sys.prefix, sys.base_prefix, *_prefixes(python), *_folders_of(spec))
-    } | {str(_PACKAGE.parent), os.getcwd()}
-    if not (walls := _walls()):
-        return _keeper(python, how | {"visible": sorted(visible)})
-    for folder in sorted(visible):
-        if is_hidden(folder) and os.path.isdir(folder):
-            walls = [*walls, "--ro-bind", folder, folder]
-    return [*walls, "--chdir", os.getcwd(), *_keeper(python, how)]
-
-
-def _prefixes(python: str) -> list[str]:
-    """List the folders of an interpreter's environment, and of the interpreter that this was made from."""
-    return [os.path.dirname(os.path.dirname(path)) for path in (os.path.abspath(python), os.path.realpath(python))]
-
-
-def _keeper(python: str, how: dict[str, Any]) -> list[str]:
+    how = {"socket": connection, "line": line, "memory": int(1e9 * confines.gigabytes)}
     return [python, "-c", _BEGIN, str(_PACKAGE), json.dumps(how)]
-
-
-def _folders_of(spec: str) -> list[str]:
-    """List the folders of the files that an AV's name names."""
-    words = [spec.rpartition(":")[0], spec]
-    if is_program(spec):
-        with suppress(ValueError):
-            words = shlex.split(spec[len(PREFIX) :])
-    return [os.path.dirname(os.path.realpath(word)) for word in words if word and os.path.exists(word)]
-
-
-@functools.cache
-def _walls() -> list[str]:
-    """Give the command before an AV's that puts walls around it, nothing if its keeper can do that itself.
-
-    Raises:
-        InputError: Neither the system nor bubblewrap, if it is there, makes any.
-    """
-    own = _tried([sys.executable, "-P", sandbox.__file__])
-    if own is None:
-        return []
-    path = shutil.which("bwrap")
-    why = "bubblewrap (bwrap) is not installed"
-    if path is not None:
-        hidden = [word for folder in (*HIDDEN, SCRATCH) if os.path.isdir(folder) for word in ("--tmpfs", folder)]
-        walls = [path, "--unshare-all", "--cap-drop", "ALL", "--ro-bind", "/", "/", "--dev", "/dev", "--proc", "/proc"]
-        failed = _tried([*walls, *hidden, "true"])
-        if failed is None:
-            return [*walls, *hidden]
-        why = f"bubblewrap fails ({failed})"
-    raise InputError(
-        f"av_sandbox: this system makes no walls for its users ({own}), and {why}. Allow unprivileged user namespaces "
-        "or install bubblewrap; without av_sandbox the AV may do what you may."
-    )
-
-
-def _tried(command: list[str]) -> str | None:
-    """Say why a command fails; None: it does not."""
-    try:
-        found = subprocess.run(
-            command, env=environment(Confines()), stdin=subprocess.DEVNULL, capture_output=True, timeout=_PROBE_SECONDS,
-            check=False,
-        )  # fmt: skip
-    except (OSError, subprocess.TimeoutExpired) as error:
-        return str(error)
-    said = " ".join((found.stdout or found.stderr).decode(errors="replace").split())
-    return None if found.returncode == 0 and not said else said[:200] or f"exit status {found.returncode}"
 
 
 def check_interpreter(python: str) -> str:

@@ -24,7 +24,6 @@ __all__ = ["main"]
 _LOOK_SECONDS = 0.25
 """Time between two looks at the memory [s]."""
 _SWEEP_SECONDS = 10.0
-_IS_SAID = 0
 _DEATH_SIGNAL, _ADOPT = 1, 36
 
 
@@ -33,25 +32,17 @@ def main(text: str) -> None:
 
     Args:
         text: JSON: file numbers of the `socket` over which the AV is asked and of the `line` over which the simulator
-            is told, which closes when it ends; `memory` of the AV [bytes]; folders that are `visible` behind walls
-            (null: no walls).
+            is told, which closes when it ends; `memory` of the AV [bytes].
     """
     how = json.loads(text)
-    line, memory, walls = int(how["line"]), int(how["memory"]), how["visible"] is not None
+    line, memory = int(how["line"]), int(how["memory"])
     _prctl(_ADOPT, 1)
     try:
-        if walls:
-            from cornerforge.foreign import sandbox
-
-            sandbox.part()
-        is_first = _keeps(line, memory, walls=walls)
-        with suppress(OSError), open("/proc/self/oom_score_adj", "w", encoding="ascii") as file:
-            file.write("1000")  # the system's choice where its memory runs out
-        if is_first:
-            sandbox.wall_in(how["visible"])
-            _keeps(line, 0, walls=False)
+        _become_kept(line, memory)
     except OSError as error:
         _refuse(how["socket"], error)
+    with suppress(OSError), open("/proc/self/oom_score_adj", "w", encoding="ascii") as file:
+        file.write("1000")  # the system's choice where its memory runs out
     os.close(line)
     os.setsid()
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -67,22 +58,21 @@ def _prctl(what: int, value: int) -> None:
         ctypes.CDLL(None).prctl(what, ctypes.c_ulong(value), *[ctypes.c_ulong(0)] * 3)
 
 
-def _keeps(line: int, memory: int, *, walls: bool) -> bool:
-    """Go on as the child that is kept; the parent keeps it, and ends. True if there will be walls around the child."""
+def _become_kept(line: int, memory: int) -> None:
+    """Go on as the child that is kept; the parent keeps it, and ends."""
     keeper = os.getpid()
     child = os.fork()
     if child:
         try:
-            _keep(child, line, memory, is_outer=walls)
+            _keep(child, line, memory)
         finally:
             os._exit(1)
     _prctl(_DEATH_SIGNAL, signal.SIGKILL)
-    if os.getppid() not in (keeper, 0):  # it has ended already; 0: it is of other pids than this process
+    if os.getppid() != keeper:  # it has ended already
         os._exit(1)
-    return walls
 
 
-def _keep(child: int, line: int, memory: int, *, is_outer: bool) -> None:
+def _keep(child: int, line: int, memory: int) -> None:
     """Wait until the child or the simulator ends, or memory runs out; end all that is left, and say how it ended."""
     for other in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(other, signal.SIG_IGN)
@@ -107,11 +97,10 @@ def _keep(child: int, line: int, memory: int, *, is_outer: bool) -> None:
         status = _reaped(child)
         is_full = memory > 0 and _is_over(memory, _below(os.getpid()))
     status, is_swept = _swept(child, status)
-    if not is_outer or status != _IS_SAID:
-        said = json.dumps({"status": status, "is_full": is_full}).encode()
-        with suppress(OSError), socket.socket(fileno=line) as to:
-            to.send(said)
-    os._exit(_IS_SAID if is_swept else 1)
+    said = json.dumps({"status": status, "is_full": is_full}).encode()
+    with suppress(OSError), socket.socket(fileno=line) as to:
+        to.send(said)
+    os._exit(0 if is_swept else 1)
 
 
 def _swept(child: int, status: int | None) -> tuple[int | None, bool]:
@@ -198,4 +187,4 @@ def _refuse(fd: int, error: OSError) -> None:
         _, number, _ = receive(connection)
         message = f"The AV's process cannot be started: {error.strerror}."
         connection.sendall(pack_json(FAILED, number, {"what": "refused", "message": message, "error": "InputError"}))
-    os._exit(_IS_SAID)
+    os._exit(0)

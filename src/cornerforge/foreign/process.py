@@ -194,7 +194,7 @@ class AvProcess:
         try:
             with theirs, keepers:
                 self._process = subprocess.Popen(
-                    worker_command(self._confines, self._spec, theirs.fileno(), keepers.fileno()),
+                    worker_command(self._confines, theirs.fileno(), keepers.fileno()),
                     stdin=subprocess.DEVNULL,
                     stdout=print_to,
                     stderr=print_to,

@@ -62,7 +62,6 @@ class AvChecked:
     av: str = field(metadata=meant("As it was named."))
     kind: str = field(metadata=meant("class, policy, program, onnx or zip."))
     hash: str = field(metadata=meant("Hash of its source or file."))
-    sandbox: bool = field(metadata=meant("It ran without network and with a read-only file system (`--av-sandbox`)."))
     memory_gb: float = field(metadata=meant("Memory that each of its processes might take.", "GB"))
     checks: tuple[AvCheck, ...] = field(metadata=meant("All trials, in their order."))
     passed: bool = field(metadata=meant("None failed."))

@@ -215,7 +215,6 @@ def check_av(
         av=av,
         kind=bench.about["kind"],
         hash=bench.about["hash"],
-        sandbox=options.av_sandbox,
         memory_gb=round(confines_of(options).gigabytes, 3),
         checks=tuple(bench.checks),
         passed=passed,

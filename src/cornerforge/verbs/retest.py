@@ -43,7 +43,7 @@ from cornerforge.verbs.retest_case_files import (
     pairs_of_files,
     read_case_files,
 )
-from cornerforge.verbs.retest_files import write_junit, write_sarif
+from cornerforge.verbs.retest_files import write_junit
 from cornerforge.verbs.retest_pairs import RULE, Driven, pairs_of
 from cornerforge.verbs.stored_cases import drive_as_recorded, run_with
 from cornerforge.world_options import AvAloneKeywords, WorldOptions
@@ -68,7 +68,6 @@ def retest(
     baseline: str | None = None,
     natural_tests: int | None = None,
     junit: Path | str | None = None,
-    sarif: Path | str | None = None,
     page: Path | str | None = None,
     count: str = "any",
     seed: int = 0,
@@ -86,7 +85,7 @@ def retest(
         library: The library's folder.
         baseline: AV to compare with; None: the AV that made the library, as its cases tell.
         natural_tests: Natural tests that both drive, for their natural rates; None: 10,000 with a baseline, else none.
-        junit, sarif: New files for machines that run tests: JUnit XML, SARIF 2.1.0.
+        junit: New file for machines that run tests: JUnit XML.
         page: New file, .html: the answer, and both versions side by side in the same cases (extra `report`).
         count: Which crashes count in case files: "any", or "av": those in which the AV strikes, alone or as the other
             does.
@@ -105,7 +104,7 @@ def retest(
     began = time.perf_counter()
     check_integer("seed", seed, low=0, high=2**63 - 1)
     check_count(count)
-    files = [Path(file) for file in (junit, sarif, page) if file is not None]
+    files = [Path(file) for file in (junit, page) if file is not None]
     for index, file in enumerate(files):
         if file.absolute() in [other.absolute() for other in files[:index]]:
             raise InputError(f"{file} is named for two files; give each its own name.")
@@ -134,7 +133,8 @@ def retest(
         rule, identity = RULE, {"library": config_hash(cases.identity), **new.identity(seed)}
     took = round(time.perf_counter() - began, 3)
     result = replace(result, library=str(library), av=options.av, baseline=baseline or result.baseline, seconds=took)
-    _write_for_machines(result, junit, sarif)
+    if junit is not None:
+        write_junit(Path(junit), result)
     if page is not None:
         write_comparison(Path(page), result, pairs(), rule, provenance(identity, took))
     return result
@@ -207,13 +207,6 @@ def _natural_tests(files: Path | None, av: str, baseline: str | None, wanted: in
     if check_integer("natural_tests", wanted, low=0, high=10**9) and why is not None:
         raise InputError(why)
     return wanted
-
-
-def _write_for_machines(result: Retested, junit: Path | str | None, sarif: Path | str | None) -> None:
-    if junit is not None:
-        write_junit(Path(junit), result)
-    if sarif is not None:
-        write_sarif(Path(sarif), result)
 
 
 def _retest_files(

@@ -1,23 +1,15 @@
-"""Files of `retest` for machines that run tests: JUnit XML, and SARIF 2.1.0 (OASIS)."""
+"""JUnit XML of `retest`, for machines that run tests."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 from cornerforge._files import writing
-from cornerforge.experiment.output import version, write_json
 from cornerforge.results.retest import Retested, RetestedCase
 
-__all__ = ["write_junit", "write_sarif"]
+__all__ = ["write_junit"]
 
-_SCHEMA = "https://raw.githubusercontent.com/oasis-tcs/sarif-spec/main/sarif-2.1/schema/sarif-schema-2.1.0.json"
-_RULES = {
-    "new-crash": ("error", "The AV crashes in a case in which the baseline does not."),
-    "still-crashing": ("warning", "The AV crashes in a case in which the baseline crashes too."),
-    "failed": ("error", "The AV raised, hung or gave no usable answer in a case."),
-}
 _TAGS = {"new-crash": "failure", "failed": "error", "still-crashing": "skipped"}
 
 
@@ -55,30 +47,3 @@ def write_junit(file: Path, result: Retested) -> None:
     ElementTree.indent(tree)
     with writing(file) as part:
         tree.write(part, encoding="utf-8", xml_declaration=True)
-
-
-def write_sarif(file: Path, result: Retested) -> None:
-    """Write a result for each case in which the AV crashes.
-
-    Raises:
-        OutputError: The file cannot be written.
-    """
-    results: list[dict[str, Any]] = []
-    for one in result.each:
-        kind = _found(one)
-        if kind is not None:
-            place = {"physicalLocation": {"artifactLocation": {"uri": Path(result.library).as_posix()}}}
-            results.append(
-                {
-                    "ruleId": kind,
-                    "level": _RULES[kind][0],
-                    "message": {"text": f"{result.av}: {_words(one)}"},
-                    "locations": [place | {"logicalLocations": [{"name": one.case, "kind": "member"}]}],
-                    "partialFingerprints": {"case/v1": one.case},
-                }
-            )
-    rules = [{"id": name, "shortDescription": {"text": text}} for name, (_, text) in _RULES.items()]
-    driver = {"name": "cornerforge", "version": version(), "rules": rules}
-    write_json(
-        file, {"$schema": _SCHEMA, "version": "2.1.0", "runs": [{"tool": {"driver": driver}, "results": results}]}
-    )

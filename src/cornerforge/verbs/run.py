@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from cornerforge._arguments import checked
-from cornerforge._checks import check_integer, check_number
+from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge._locks import claims
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.errors import InputError
@@ -21,7 +21,6 @@ from cornerforge.library.filling import fill_library
 from cornerforge.results import Analysed, Filled, NaturalRate, RunDone
 from cornerforge.results.rates import Yield
 from cornerforge.verbs.analyse import analyse
-from cornerforge.verbs.effort import effort_and_budget
 from cornerforge.verbs.rate import rate, why_only_counting
 from cornerforge.verbs.stages import (
     ANALYSED_FILES,
@@ -121,7 +120,7 @@ def run(
     effort: str | None = None,
     hours: float | None = None,
     stand_in: str = STAND_IN,
-    budget: float | str | None = None,
+    budget: float | None = None,
     out: Path | str = "cornerforge-out",
     bounded: bool = False,
     reward: str = "crash",
@@ -139,8 +138,7 @@ def run(
             depend on the machine's speed. Counts are stored when they are chosen; the same counts and seed give the
             same results. For slow AVs.
         stand_in: Built-in AV that the adversary learns against when `hours` are too few to learn against the AV.
-        budget: Likelihood budget of a test [nats], as for `train`; implies `bounded`. A name is taken for `effort`, as
-            it once was called, with a warning.
+        budget: Likelihood budget of a test [nats], as for `train`; implies `bounded`.
         out: Folder for everything; must be new or empty unless `resume`.
         bounded: The adversary uses only actions that the naturalistic model calls possible.
         reward: Which crashes the adversary is paid for, as for `train`.
@@ -164,7 +162,7 @@ def run(
             raise InputError(f"effort = {effort} and hours = {hours:g} exclude each other; leave one out.")
     elif stand_in != STAND_IN:
         raise InputError(f"stand_in = {stand_in!r} has no effect without hours: --hours H --stand-in {stand_in}")
-    effort, budget = effort_and_budget(effort, budget, EFFORTS)
+    effort = check_in("effort", effort or "quick", tuple(EFFORTS))
     size = EFFORTS[effort]
     config = _train_config(size, reward)
     check_integer("seed", seed, low=0, high=2**32 - 1)

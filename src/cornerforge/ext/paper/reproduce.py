@@ -11,7 +11,6 @@ from typing import Any, Unpack
 from cornerforge._arguments import checked
 from cornerforge._checks import check_in, check_integer
 from cornerforge._locks import claims
-from cornerforge.errors import InputError
 from cornerforge.execution.progress import NO_PROGRESS, Progress
 from cornerforge.experiment.output import (
     code_hash,
@@ -28,7 +27,6 @@ from cornerforge.ext.paper.registry import ITEMS
 from cornerforge.ndd.model import model_hash
 from cornerforge.results import Reproduced, from_json
 from cornerforge.results.reproduction import PaperItem
-from cornerforge.verbs.effort import effort_and_budget
 from cornerforge.world_options import RoadKeywords, WorldOptions
 
 __all__ = ["REPRODUCE_EFFORTS", "reproduce", "reproduction_text"]
@@ -43,7 +41,6 @@ def reproduce(
     out: Path | str,
     figures: Sequence[str] | None = None,
     effort: str | None = None,
-    budget: str | None = None,
     paper_policy: Path | str | None = None,
     avs: Sequence[str] = (),
     resume: bool = False,
@@ -61,7 +58,6 @@ def reproduce(
         out: Folder for everything; must be new or empty unless `resume`.
         figures: Ids of items, such as "figure3"; None for all. The page shows them and those made earlier.
         effort: "quick", "standard" or "full" (see `REPRODUCE_EFFORTS`); None: "standard".
-        budget: The old name of `effort`; goes on working, with a warning.
         paper_policy: A policy of preset `paper`, for Figure 2; None to leave that curve out.
         avs: AVs that the matrix shows besides the built-in ones: files of `train-av`, or AVs from outside.
         resume: Go on with what is in `out`: finished items, measurements and policies are kept as long as what they
@@ -81,11 +77,7 @@ def reproduce(
 
     start = time.perf_counter()
     folder = Path(out)
-    effort, nats = effort_and_budget(effort, budget, REPRODUCE_EFFORTS, "standard")
-    if nats is not None:
-        raise InputError(
-            f"budget = {budget}: the paper has no likelihood budget; leave it out. More work: --effort full"
-        )
+    effort = check_in("effort", effort or "standard", tuple(REPRODUCE_EFFORTS))
     size = REPRODUCE_EFFORTS[effort]
     check_integer("seed", seed, low=0, high=2**32 - 1)
     wanted = [ITEMS[check_in("figure", name, tuple(ITEMS))] for name in (ITEMS if figures is None else figures)]
