@@ -29,16 +29,14 @@ from cornerforge.world_options import (
 NAMES = {one.name for one in fields(WorldOptions)}
 VERBS = {
     "simulate": WorldKeywords, "generate": WorldKeywords, "train": WorldKeywords, "variety": WorldKeywords,
-    "rate": AvKeywords, "run": AvKeywords, "r157": AvKeywords, "plausibility": AvKeywords, "check_av": AvKeywords,
+    "run": WorldKeywords, "rate": AvKeywords, "r157": AvKeywords, "plausibility": AvKeywords, "check_av": AvKeywords,
     "train_av": RoadKeywords, "reproduce": RoadKeywords, "retest": AvAloneKeywords,
     "drive_case": AvAloneKeywords, "import_cases": AvAloneKeywords, "cases_from_data": AvAloneKeywords,
     "suite_build": AvAskedKeywords, "replay": AvProcessKeywords, "shrink": AvProcessKeywords,
 }  # fmt: skip
 # The model of `ndd` is what they show, check or fill.
-OWN = {
-    "run": {"bounded", "budget"},
-} | {f"ndd_{name}": {"model"} for name in ("import", "show", "validate")}
-OF_COMMANDS = {"run": {"budget"}, "plausibility": {"budget"}}
+OWN = {f"ndd_{name}": {"model"} for name in ("import", "show", "validate")}
+OF_COMMANDS = {"plausibility": {"budget"}}
 # Here nobody need drive: the AV is "recorded" unless one is named.
 OF_COMMANDS |= {"import-cases": {"av"}, "cases-from-data": {"av"}}
 

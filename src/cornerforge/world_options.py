@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING, Any, TypedDict
 
 if TYPE_CHECKING:
     from cornerforge.ndd.model import NddModel
@@ -111,6 +111,12 @@ class WorldOptions:
     def without_mask(self) -> WorldOptions:
         """Copy the options without `bounded` and `budget`: for a policy, which brings its own."""
         return replace(self, bounded=False, budget=None)
+
+    def av_keywords(self) -> AvKeywords:
+        """Give the options as keywords of verbs without an adversary: all but `bounded` and `budget`."""
+        found: Any = {name: getattr(self, name) for name in AvKeywords.__annotations__}
+        keywords: AvKeywords = found
+        return keywords
 
     def with_av(self, av: str, *, is_foreign: bool) -> WorldOptions:
         """Copy the options with another AV; Python and memory are for one from outside only."""

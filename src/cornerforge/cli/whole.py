@@ -60,7 +60,7 @@ def init(
 
 
 @command("cornerforge run --effort quick --out out/demo", "cornerforge run --config cornerforge.toml --seed 1")
-@takes_world("av", "odd", "lanes", "model", "bounded", *AV_ASKED)
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", *AV_ASKED)
 def run(
     effort: Annotated[
         str | None,
@@ -82,10 +82,6 @@ def run(
     ] = "idm-mobil",
     out: Annotated[Path, typer.Option(help="Folder for everything.")] = Path("cornerforge-out"),
     world: World = None,
-    budget: Annotated[
-        float | None,
-        typer.Option(metavar="NATS", help="Likelihood budget of a test in nats, as for train.", show_default=False),
-    ] = None,
     reward: Reward = "crash",
     resume: Resume = False,
     config: Config = None,
@@ -122,7 +118,7 @@ def run(
 
     run_command(
         lambda bars: cornerforge.run(
-            effort=effort, hours=hours, stand_in=stand_in, out=out, budget=budget, reward=reward,
+            effort=effort, hours=hours, stand_in=stand_in, out=out, reward=reward,
             resume=resume, seed=seed, threads=threads, progress=bars, **world,
         ),
         text, as_json=as_json, quiet=quiet, stages=True,

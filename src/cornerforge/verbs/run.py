@@ -41,7 +41,7 @@ from cornerforge.verbs.stages import (
     write_exposure,
 )
 from cornerforge.verbs.train import checkpoint_beside, evaluate
-from cornerforge.world_options import AvKeywords, WorldOptions
+from cornerforge.world_options import WorldKeywords, WorldOptions
 
 __all__ = ["EFFORTS", "Effort", "run"]
 
@@ -120,15 +120,13 @@ def run(
     effort: str | None = None,
     hours: float | None = None,
     stand_in: str = STAND_IN,
-    budget: float | None = None,
     out: Path | str = "cornerforge-out",
-    bounded: bool = False,
     reward: str = "crash",
     resume: bool = False,
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
-    **world: Unpack[AvKeywords],
+    **world: Unpack[WorldKeywords],
 ) -> RunDone:
     """Do the whole job: natural traffic, natural crash rate, training, cases, analyses, report.
 
@@ -138,9 +136,7 @@ def run(
             depend on the machine's speed. Counts are stored when they are chosen; the same counts and seed give the
             same results. For slow AVs.
         stand_in: Built-in AV that the adversary learns against when `hours` are too few to learn against the AV.
-        budget: Likelihood budget of a test [nats], as for `train`; implies `bounded`.
         out: Folder for everything; must be new or empty unless `resume`.
-        bounded: The adversary uses only actions that the naturalistic model calls possible.
         reward: Which crashes the adversary is paid for, as for `train`.
         resume: Go on with what is in `out`; finished stages are kept, and an unfinished training too.
         seed: 0 or more.
@@ -172,11 +168,12 @@ def run(
         from cornerforge.verbs.spend import spend
 
         return spend(
-            options, hours=hours, stand_in=stand_in, folder=folder, bounded=bounded, budget=budget, reward=reward,
-            resume=resume, seed=seed, threads=threads, progress=progress,
+            options, hours=hours, stand_in=stand_in, folder=folder, reward=reward, resume=resume, seed=seed,
+            threads=threads, progress=progress,
         )  # fmt: skip
-    natural = experiment(options, takes_foreign=True, seed=seed)
-    plain = experiment(options, bv="uniform", bounded=bounded, budget=budget, takes_foreign=True, seed=seed)
+    unmasked = options.without_mask()
+    natural = experiment(unmasked, takes_foreign=True, seed=seed)
+    plain = experiment(options, bv="uniform", takes_foreign=True, seed=seed)
     natural_tests = size.natural_tests if natural.foreign is None else round(_OUTSIDE * size.natural_tests)
     identity = _identity(plain, effort, config, seed)
     open_output(folder, identity, resume=resume)
@@ -195,7 +192,8 @@ def run(
         NaturalRate,
         lambda: rate(
             method=_natural_method(natural, natural_tests), target_rhw=size.natural_rhw, max_tests=natural_tests,
-            out=folder / "natural", resume=True, seed=seed, threads=threads, progress=progress, **world,
+            out=folder / "natural", resume=True, seed=seed, threads=threads, progress=progress,
+            **unmasked.av_keywords(),
         ),
     )  # fmt: skip
     natural_cases = once(
@@ -213,7 +211,7 @@ def run(
     )
     checkpoint.remove()
     policy = load_policy(folder / "policy.safetensors")
-    hostile = experiment(options, policy=policy, takes_foreign=True, seed=seed)
+    hostile = experiment(unmasked, policy=policy, takes_foreign=True, seed=seed)
     hostile.keep_printed(folder / AV_LOG)
     evaluation = once(
         "evaluate",

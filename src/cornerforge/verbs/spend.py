@@ -12,6 +12,7 @@ import hashlib
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -400,8 +401,8 @@ def _logged(run: Experiment, folder: Path) -> Experiment:
 
 
 def spend(
-    options: WorldOptions, *, hours: float, stand_in: str, folder: Path, bounded: bool, budget: float | None,
-    reward: str, resume: bool, seed: int, threads: int | None, progress: Progress,
+    options: WorldOptions, *, hours: float, stand_in: str, folder: Path, reward: str, resume: bool, seed: int,
+    threads: int | None, progress: Progress,
 ) -> RunDone:  # fmt: skip
     """Do the whole job in about so many hours; see `run`.
 
@@ -412,9 +413,10 @@ def spend(
     if is_foreign(stand_in):
         raise InputError(f"stand_in = {stand_in!r} is not built in; name a built-in AV (cornerforge avs lists them).")
     limit = 3600.0 * hours
-    natural = experiment(options, takes_foreign=True, seed=seed)
-    masked: dict[str, Any] = {"bv": "uniform", "bounded": bounded, "budget": budget, "seed": seed}
-    substitute = experiment(replace(options, av=stand_in), **masked)
+    unmasked = options.without_mask()
+    natural = experiment(unmasked, takes_foreign=True, seed=seed)
+    substitute = experiment(replace(options, av=stand_in), bv="uniform", seed=seed)
+    own = partial(experiment, options, bv="uniform", takes_foreign=True, seed=seed)
     identity = _identity(natural, substitute, hours, stand_in, reward, seed)
     open_output(folder, identity, resume=resume)
     _logged(natural, folder)
@@ -425,14 +427,12 @@ def spend(
     natural.rest()
 
     config = replace(preset_named("fast"), decisions=plan.decisions, reward=reward)
-    plain = (
-        substitute if plan.stand_in is not None else _logged(experiment(options, takes_foreign=True, **masked), folder)
-    )
+    plain = substitute if plan.stand_in is not None else _logged(own(), folder)
     trained = once(
         "train", TrainedStage, lambda: _train(plain, config, folder, seed, threads, progress), TRAINING_FILES
     )
     hostile = _logged(
-        experiment(options, policy=load_policy(folder / "policy.safetensors"), takes_foreign=True, seed=seed), folder
+        experiment(unmasked, policy=load_policy(folder / "policy.safetensors"), takes_foreign=True, seed=seed), folder
     )
     spent = plan.seconds + trained.policy.seconds
     library = folder / "library"
@@ -445,11 +445,11 @@ def spend(
     hostile.rest()
 
     baselines = _compared(
-        stages, lambda: _logged(experiment(options, takes_foreign=True, **masked), folder),
+        stages, lambda: _logged(own(), folder),
         plan.baselines, reward, seed, threads, progress,
     )  # fmt: skip
     spent += baselines.seconds
-    nde, often = _roads(stages, natural, options, plan, limit, spent, folder, seed, threads, progress)
+    nde, often = _roads(stages, natural, unmasked, plan, limit, spent, folder, seed, threads, progress)
     natural.rest()
     roads = once(
         "natural_cases", NaturalCases, lambda: analyse_natural(often, folder / "natural", seed, progress),
@@ -513,7 +513,6 @@ def _roads(
 ) -> tuple[Counted, NaturalRate]:  # fmt: skip
     """Drive natural tests, and measure the natural rate: by trees if the plan has time for them, else by counting."""
     if plan.trees:
-        world: Any = {name: value for name, value in vars(options).items() if name not in ("bounded", "budget")}
         nde = stages.do(
             "nde", Counted, lambda: count(natural, _NDE_TESTS, 0, seed, threads, progress, "natural traffic")
         )
@@ -522,7 +521,7 @@ def _roads(
             NaturalRate,
             lambda: rate(
                 max_tests=plan.trees, out=folder / "natural", resume=True, seed=seed, threads=threads,
-                progress=progress, **world,
+                progress=progress, **options.av_keywords(),
             ),
         )  # fmt: skip
         return nde, found
