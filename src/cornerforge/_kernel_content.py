@@ -1,4 +1,4 @@
-"""What a kernel is made of: its own code and that of all kernels it calls, with the constants that they read.
+"""Content of a kernel: its own code and that of all kernels it calls, with the constants that they read.
 
 Machine code is kept under a hash of this content, so it holds for every checkout, branch and installation in which the
 kernel is the same, and an edit concerns exactly the kernels that reach it. Hashed is Python's compiled code: comments,

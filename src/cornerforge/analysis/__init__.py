@@ -1,4 +1,4 @@
-"""From crashes to insight: features, projection, clusters, crash types, typical and rare cases.
+"""Analysis of crashes: features, projection, clusters, crash types, typical and rare cases.
 
 Works on plain arrays and Arrow tables; knows no library. Only `avoidability` and `shrink` drive: they ask the simulator
 what else could have happened. Clustering needs scikit-learn (the extra "analysis").

@@ -44,7 +44,7 @@ class Coverage:
     cases: int
 
     def to_json(self) -> dict[str, Any]:
-        """As plain JSON values: the grid as filled cells by name, the curve as pairs."""
+        """Plain JSON values: the grid as filled cells by name, the curve as pairs."""
         names = _cell_names(self.axes)
         flat = self.counts.ravel()
         order = np.argsort(-flat, kind="stable")

@@ -1,4 +1,4 @@
-"""From a table of features to groups: projection, majority and minority, clusters, typical and rare rows.
+"""Groups in a table of features: projection, majority and minority, clusters, typical and rare rows.
 
 This part of the analysis works on numbers only: `analyse` adds case names and crash types,
 `periods` repeats it over longer and longer histories.
@@ -46,7 +46,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Grouping:
-    """What the rows of a table of features have in common; rows count from 0.
+    """Groups of the rows of a table of features; rows count from 0.
 
     Attributes:
         projection: The rows in the plane of two principal components of the z-scores.

@@ -39,7 +39,7 @@ class Choice:
     bound: float | None
 
     def to_json(self) -> dict[str, Any]:
-        """As plain JSON values; the scores by number of clusters."""
+        """Plain JSON values; the scores by number of clusters."""
         return {
             "k": self.k,
             "silhouettes": {str(k): score for k, score in enumerate(self.scores, 2)},
@@ -175,7 +175,7 @@ def mean_silhouette(distance: NDArray[np.float64], labels: NDArray[np.intp], k: 
 
 
 def _evenly_spread(points: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
-    """As many points, uniform over the box of `points` along their principal axes (in these axes), shape (S, 2)."""
+    """Draw as many points, uniform over the box of `points` along their principal axes, shape (S, 2)."""
     centred = points - points.mean(axis=0)
     axes = np.linalg.svd(centred, full_matrices=False)[2]
     along = np.einsum("sf,cf->sc", centred, axes)

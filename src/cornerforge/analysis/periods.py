@@ -21,7 +21,7 @@ PERIODS = (1, 2, 3, 5, 7, 9, 12, 15)
 
 @dataclass(frozen=True)
 class Period:
-    """What one length of history shows.
+    """Groups found with one length of history.
 
     Attributes:
         steps: Seconds before the crash that the features cover.

@@ -41,7 +41,7 @@ class SplitAt:
     agreement: float
 
     def to_json(self) -> dict[str, Any]:
-        """As plain JSON values."""
+        """Plain JSON values."""
         return asdict(self)
 
 

@@ -53,7 +53,7 @@ class Variety:
     unseen_interval95: tuple[float, float]
 
     def to_json(self) -> dict[str, object]:
-        """As plain JSON values, with the number of filled cells under `filled`."""
+        """Plain JSON values, with the number of filled cells under `filled`."""
         return {
             "cases": self.cases,
             "filled": len(self.cells),

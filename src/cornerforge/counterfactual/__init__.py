@@ -1,4 +1,4 @@
-"""What could have happened in a recorded crash: the search for ways out (docs/adr/0014-avoidability.md).
+"""Alternatives to a recorded crash: the search for ways out (docs/adr/0014-avoidability.md).
 
 `search_cases` takes recordings and gives, for each, the latest moments from which the AV could still have avoided the
 crash. Within it: `search` tries every sequence of manoeuvres, `witness` drives what was found once more, `motion`

@@ -1,4 +1,4 @@
-"""What reference drivers would have done: each drives in the AV's place among the recorded others (ADR 39).
+"""Reference drivers in a recorded crash: each drives in the AV's place among the recorded others (ADR 39).
 
 It takes over when the manoeuvre that led to the crash began, holds its speed until it sees danger, and brakes
 (`drivers.careful`) on the path that the AV was on. If the AV was nearing the partner already, the driver is there from
@@ -44,7 +44,7 @@ _PAUSE = 10
 
 
 class Judgements(NamedTuple):
-    """What became of the reference drivers, one row a case, one column a driver in the order of `CAREFUL`, then HOLDS.
+    """Outcomes of the reference drivers, one row a case, one column a driver in the order of `CAREFUL`, then HOLDS.
 
     Attributes:
         begin: Frame at which each takes over, int64 (C, DRIVERS).

@@ -61,7 +61,7 @@ OBSTACLE = np.dtype([("x", "f8"), ("y", "f8"), ("heading", "f8"), ("length", "f8
 
 
 class Manoeuvres(NamedTuple):
-    """What the AV may do, as kernels take it.
+    """Manoeuvres that the AV may try, as kernels take them.
 
     Attributes:
         accelerations: Accelerations that it may command from one decision to the next [m/s2], 0 among them, (A,).

@@ -73,7 +73,7 @@ _SLIVER = 1e-9
 
 @dataclass(frozen=True)
 class CarefulParams:
-    """Which reference driver an AV is; all else is fixed.
+    """Kind of reference driver; all else is fixed.
 
     Attributes:
         driver: A name of `CAREFUL`.
@@ -108,7 +108,7 @@ class Threat(NamedTuple):
 
 @inlined_kernel
 def _membership(value: float, safe: float, unsafe: float) -> float:
-    """From 0 at `safe` and above to 1 at `unsafe` and below."""
+    """Degree of danger: 0 at `safe` and above, 1 at `unsafe` and below."""
     if value >= safe:
         return 0.0
     if value <= unsafe:

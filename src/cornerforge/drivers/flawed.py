@@ -27,7 +27,7 @@ FLAWS = {
 
 @dataclass(frozen=True)
 class FlawParams:
-    """Which flaw an AV of kind "flawed" has.
+    """Flaw of an AV of kind "flawed".
 
     Attributes:
         flaw: A name of `FLAWS`. "brakes-late": it heeds a vehicle ahead only when it would reach it within 1 s.

@@ -1,4 +1,4 @@
-"""What an AV takes for the lanes of a vehicle that changes lanes (docs/adr/0023-what-an-av-sees.md)."""
+"""Lanes of a vehicle that changes lanes, as an AV sees them (docs/adr/0023-what-an-av-sees.md)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _CODES = {"centre": BY_CENTRE, "decision": BY_DECISION, "motion": BY_MOTION}
 
 @dataclass(frozen=True)
 class Sight:
-    """What an AV sees of other vehicles' lane changes.
+    """Way in which an AV sees other vehicles' lane changes.
 
     Attributes:
         by: "motion": a vehicle is in the lanes that its body touches, and in the lane that it moves towards from

@@ -1,4 +1,4 @@
-"""Which code this is: results of different code are never mixed, neither in files nor between machines."""
+"""Identity of the code: results of different code are never mixed, neither in files nor between machines."""
 
 from __future__ import annotations
 

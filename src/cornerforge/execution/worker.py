@@ -1,4 +1,4 @@
-"""What a worker of a cluster does: it unpacks work once, and then works on ranges."""
+"""Worker of a cluster: it unpacks work once, and then works on ranges."""
 
 from __future__ import annotations
 

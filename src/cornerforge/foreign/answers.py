@@ -1,4 +1,4 @@
-"""From what an AV answers to what its vehicle does: answers are checked, and trajectories become controls.
+"""Answers of AVs made into controls of their vehicles: answers are checked, and trajectories are followed.
 
 All is a function of what the AV saw and what it answered, so a question that is asked again gives the same again.
 """

@@ -1,4 +1,4 @@
-"""What AVs from outside print, and their whole tracebacks, in a file of limited size."""
+"""Log of AVs from outside: what they print, and their whole tracebacks, in a file of limited size."""
 
 from __future__ import annotations
 

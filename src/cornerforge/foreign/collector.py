@@ -79,7 +79,7 @@ class ForeignCollector:
         self._av.note_driven(int(out.end.sum()))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """What was answered in tests that go on, and in which tests the AV failed: all beside the worlds, by name."""
+        """Answers in tests that go on, and the tests in which the AV failed: all beside the worlds, by name."""
         history = self._actors.history
         faults = [(test, _KINDS.index(fault.what)) for (_, test), fault in self._av.faults.items()]
         return {

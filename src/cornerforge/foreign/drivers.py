@@ -1,4 +1,4 @@
-"""What an AV's process does with the AV: it shows it views or scenes, and makes one array of its answers.
+"""Drivers of AVs within their process: they show the AV views or scenes, and make one array of its answers.
 
 Needs Python and NumPy only.
 """

@@ -32,7 +32,7 @@ numbers stand here again, and a test holds them together."""
 
 @dataclass(frozen=True)
 class AvContext:
-    """What an AV is told of its world; constant in a run.
+    """Facts of its world that an AV is told; constant in a run.
 
     Attributes:
         batch: Number of worlds B that are driven side by side; every view has B rows.

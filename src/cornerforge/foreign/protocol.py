@@ -31,7 +31,7 @@ _HEAD = struct.Struct("<cQQ")
 
 
 class JunkError(Exception):
-    """What came through the socket is no message of this protocol."""
+    """Bytes came through the socket that are no message of this protocol."""
 
 
 def printable(text: str) -> str:

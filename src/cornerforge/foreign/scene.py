@@ -1,4 +1,4 @@
-"""What an AV of interface 2 sees: boxes with identities, its own state, and what came before; named arrays and objects.
+"""View of an AV of interface 2: boxes with identities, its own state, and what came before; named arrays and objects.
 
 An AV's process needs this file, Python and NumPy only, so the columns of `cornerforge.sim.av_scene` stand here again,
 and a test holds them together. Coordinates are the road's: x along it from where the AV started, y to the left from its
@@ -155,7 +155,7 @@ class Scenes:
 
     @property
     def running(self) -> NDArray[np.bool_]:
-        """Which worlds drive a test, (B,)."""
+        """Mask of the worlds that drive a test, (B,)."""
         found: NDArray[np.bool_] = self.table[:, 0, _PLACE["length"]] > 0.0
         return found
 
@@ -170,7 +170,7 @@ class Scenes:
 
     @property
     def curvature(self) -> NDArray[np.float64]:
-        """Of the AVs' ways now [1/m], (B,)."""
+        """Curvature of the AVs' ways now [1/m], (B,)."""
         return self._own("curvature")
 
     @property

@@ -1,4 +1,4 @@
-"""Which libraries hold crashes of natural traffic, and how many crashes per test each of their cases stands for."""
+"""Libraries of crashes of natural traffic, and how many crashes per test each of their cases stands for."""
 
 from __future__ import annotations
 

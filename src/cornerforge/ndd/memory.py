@@ -1,4 +1,4 @@
-"""What a naturalistic driver remembers: its acceleration depends on its own last one and on its habit."""
+"""Memory of a naturalistic driver: its acceleration depends on its own last one and on its habit."""
 
 from __future__ import annotations
 

@@ -156,7 +156,7 @@ def _cases(pairs: Sequence[Pair]) -> tuple[list[dict[str, Any]], int]:
 
 
 def _pair_data(pair: Pair) -> dict[str, Any]:
-    """What the player needs of a pair: both recordings on one clock, and what happened in words."""
+    """Data of a pair for the player: both recordings on one clock, and what happened in words."""
     sides = {"old": pair.old, "new": pair.new}
     shown = {side: scenario for side, scenario in sides.items() if scenario is not None}
     # One clock: both begin with the same frame, so that at most SHOWN_S of the shorter one are kept.

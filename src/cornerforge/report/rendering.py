@@ -1,4 +1,4 @@
-"""What all pages share: templates, the policy that lets nothing be fetched, and writing a page whole."""
+"""Parts that all pages share: templates, the policy that lets nothing be fetched, and writing a page whole."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is said of a single case: fault, what reference drivers would have prevented, how long there was a way out."""
+"""Verdicts on a single case: fault, what reference drivers would have prevented, how long there was a way out."""
 
 from __future__ import annotations
 

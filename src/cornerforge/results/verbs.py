@@ -1,4 +1,4 @@
-"""Which class holds the result of each command, and what a file of a run holds."""
+"""Classes that hold the result of each command, and the content of each file of a run."""
 
 from __future__ import annotations
 
