@@ -16,9 +16,8 @@ import pytest
 from folder_snapshot import snapshot
 from output_places import FOLDER, OUTPUTS, stand_ins
 
-from cornerforge._locks import claim_file, claim_folder, claims, lock_of
+from cornerforge._locks import lock_of
 from cornerforge.cli import main
-from cornerforge.errors import OutputError
 from cornerforge.ext.explorer import Exhibit, serve
 from cornerforge.ext.explorer.notes import keep_note
 from cornerforge.foreign.av_log import AvLog
@@ -174,26 +173,6 @@ def test_looking_at_a_strangers_library_writes_through_no_link(
     keep_note(pack / "library" / "notes.json", "0:1", [], "seen")
     make_report(pack / "library", out=pack)
     assert snapshot(victims) == before
-
-
-@pytest.mark.parametrize("claim", [claim_file, claim_folder])
-@pytest.mark.parametrize("what", ["link", "hard link", "pipe"])
-def test_a_lock_is_a_file_of_its_own(claim: Any, what: str, tmp_path: Path) -> None:
-    place, other = tmp_path / "out", tmp_path / "other"
-    other.write_text("mine", encoding="utf-8")
-    lock = lock_of(place, is_folder=claim is claim_folder)
-    lock.parent.mkdir(exist_ok=True)
-    if what == "link":
-        lock.symlink_to(other)
-    elif what == "pipe":
-        os.mkfifo(lock)
-    else:
-        os.link(other, lock)
-    with claims(), pytest.raises(OutputError, match=r"is a link or no file, so it is no lock of cornerforge's; remove"):
-        claim(place)
-    assert other.read_text(encoding="utf-8") == "mine"
-    with claims():  # of a folder above, a lock that is none holds nobody up
-        claim_file(tmp_path / "out" / "below" / "file")
 
 
 def test_what_an_av_prints_is_written_through_no_link(tmp_path: Path) -> None:

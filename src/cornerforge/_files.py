@@ -26,6 +26,7 @@ from cornerforge.errors import OutputError
 
 __all__ = [
     "LARGEST",
+    "LOOK",
     "PART",
     "append",
     "below",
@@ -45,7 +46,8 @@ PART = ".part"
 """How the name of a file ends that is being written, or that a killed process left."""
 _ROOTS: ContextVar[frozenset[str]] = ContextVar("roots", default=frozenset())
 _NEW = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
-_LOOK = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+LOOK = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+"""How a file is opened to look at it: a link is not followed, and a pipe not waited for."""
 
 
 def is_part_of(name: str, path: Path) -> bool:
@@ -79,7 +81,7 @@ def _remove_dead(path: Path, parts: list[str]) -> None:
     for name in parts:
         if is_part_of(name, path):
             with suppress(OSError):
-                held = os.open(path.with_name(name), _LOOK)
+                held = os.open(path.with_name(name), LOOK)
                 try:
                     if stat.S_ISREG(os.fstat(held).st_mode) and _is_held(held):
                         path.with_name(name).unlink(missing_ok=True)
@@ -236,7 +238,7 @@ def append(path: Path, content: bytes) -> None:
         OSError: It cannot be written, is no regular file, or has other names too (links).
     """
     check_way(path)
-    number = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | _LOOK, 0o666)
+    number = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | LOOK, 0o666)
     with open(number, "ab") as file:
         found = os.fstat(number)
         if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:

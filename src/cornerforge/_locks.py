@@ -1,50 +1,41 @@
-"""Locks: an output place belongs to one call at a time, and whoever wants it meanwhile is told who has it.
+"""Locks: an output place belongs to one call at a time, and whoever wants it meanwhile is told which process has it.
 
-A folder is locked by the file `.cornerforge.lock` in it, a single file by `.NAME.cornerforge.lock` beside it. The lock
-is the operating system's, so that of a killed process is free at once; the file only says who holds it, in a line of
-JSON. It is removed at the end. See docs/adr/0053-locks.md, also for file systems without such locks.
+A folder is locked by the file `.cornerforge.lock` in it, a single file by `.NAME.cornerforge.lock` beside it, with the
+package `filelock`. The lock is the operating system's, so that of a killed process is free at once; its file only says
+which process holds it, for messages, and is removed at the end. See docs/adr/0053-locks.md.
 """
 
 from __future__ import annotations
 
 import errno
-import getpass
-import itertools
-import json
 import os
 import shlex
 import socket
 import stat
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
-from cornerforge._files import below, check_way, reason
-from cornerforge._words import spoken
+from cornerforge._files import LOOK, below, check_way, reason
 from cornerforge.errors import OutputError
 
 __all__ = ["claim_file", "claim_folder", "claims", "command_line", "is_lock", "lock_of"]
 
 _NAME = ".cornerforge.lock"
-_NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP}
-"""What a file system says that has no locks."""
-_TRIES, _PAUSE_S = 10, 0.02
-"""Who only looks whether a lock is held, holds it for a moment: so wait before giving up."""
-_LONGEST_COMMAND = 120
-_LONGEST_LOCK = 1 << 20
-_HALF_A_DAY_S = 43_200.0
-_FAR = 1 << 30
-_NO_LINK = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
-"""How a lock is opened: a stranger's folder may hold a link, or a pipe that would be waited for, in its place."""
+_TRIES, _WAIT_S = 10, 0.2
+"""A call that only looks whether a lock is held, holds it for a moment: so wait before giving up."""
+_LONGEST = 120
+_NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP}
+"""What a file system says that has no locks; there the file decides, as `filelock.SoftFileLock` has it."""
+_SCOPE: ContextVar[tuple[ExitStack, set[Path]] | None] = ContextVar("claims", default=None)
+"""What ends at the end of this call, and the places that it, or a call around it, has claimed."""
 
 
 def is_lock(name: str) -> bool:
-    """Say whether a file of this name is a lock, which is nobody's content.
+    """Say whether a file of this name is a lock, which is no content.
 
     >>> is_lock(lock_of(Path("out"), is_folder=True).name), is_lock(lock_of(Path("p.npz"), is_folder=False).name)
     (True, True)
@@ -63,34 +54,15 @@ def command_line() -> str:
     return shlex.join(["cornerforge" if name in ("", "__main__.py") else name, *sys.argv[1:]])
 
 
-# Claims of a call
-
-
-@dataclass(frozen=True)
-class _Scope:
-    """What a call has claimed, and within which other call it runs."""
-
-    outer: _Scope | None
-    ends: ExitStack
-    places: set[Path] = field(default_factory=set)
-
-    def holds(self, place: Path) -> bool:
-        """Say whether this call, or one around it, has claimed a place or a folder above it."""
-        mine = place in self.places or not self.places.isdisjoint(place.parents)
-        return mine or (self.outer is not None and self.outer.holds(place))
-
-
-_SCOPE: ContextVar[_Scope | None] = ContextVar("claims", default=None)
-
-
 @contextmanager
 def claims() -> Iterator[None]:
     """Hold all that is claimed within, up to the end; a decorator of whatever writes an output.
 
     A call within it may claim what it holds. Another thread may not.
     """
+    around = _SCOPE.get()
     with ExitStack() as ends:
-        token = _SCOPE.set(_Scope(_SCOPE.get(), ends))
+        token = _SCOPE.set((ends, set(around[1]) if around else set()))
         try:
             yield
         finally:
@@ -120,234 +92,111 @@ def claim_file(path: Path) -> None:
 
 def _claim(path: Path, *, is_folder: bool) -> None:
     scope, place = _SCOPE.get(), Path(os.path.realpath(path))
-    if scope is not None and scope.holds(place):
+    if scope is not None and not scope[1].isdisjoint((place, *place.parents)):
         return
     check_way(lock_of(path, is_folder=is_folder))
     for above in place.parents:
-        owner = _looked_up(lock_of(above, is_folder=True))
-        if owner is not None:
-            raise OutputError(f"{path} lies in {above}, which {owner.told()}; wait, or choose another place.")
-    lock = _Lock(path, lock_of(place, is_folder=is_folder))
+        with ExitStack() as briefly:
+            holder = _holder_above(lock_of(above, is_folder=True), briefly)
+        if holder:
+            raise OutputError(f"{path} lies in {above}, which {holder}")
+    file = lock_of(place, is_folder=is_folder)
     with ExitStack() as ends:
-        ends.callback(lock.release)
-        lock.take()
+        try:
+            holder = _lock(file, ends)
+        except OSError as error:
+            if os.path.lexists(file) and not _is_plain(file.lstat()):
+                raise OutputError(
+                    f"{file} is a link or no file, so it is no lock of cornerforge's; remove it."
+                ) from error
+            raise OutputError(f"Cannot write {path}: {reason(error)}; make room, or choose another place.") from error
+        if holder:
+            raise OutputError(f"{path} {holder}")
         if scope is not None:
             if is_folder:
                 ends.enter_context(below(os.path.abspath(path), str(place)))
-            scope.ends.push(ends.pop_all())
-            scope.places.add(place)
+            scope[0].push(ends.pop_all())
+            scope[1].add(place)
 
 
-# One lock
+def _holder_above(file: Path, briefly: ExitStack) -> str:
+    """Say which process holds the lock of a folder above; one that is no lock, or another user's, holds nothing up."""
+    with suppress(OSError):
+        return _lock(file, briefly) if os.path.lexists(file) else ""
+    return ""
 
 
-@dataclass(frozen=True)
-class _Owner:
-    """Who holds a lock, as the lock file tells; empty where it tells nothing."""
+def _lock(file: Path, ends: ExitStack) -> str:
+    """Take a lock, up to the end of `ends`, which also removes its file and the folders that were made for it.
 
-    said: dict[str, Any]
+    Returns:
+        Which process holds it, and what to do; "" if it is taken now.
 
-    def told(self) -> str:
-        """Say it in words."""
-        pid, host, since, command = (self.said.get(name) for name in ("pid", "host", "since", "command"))
-        if not isinstance(since, (int, float)):
-            return "is being written by another process"
-        is_here = (pid, host) == (os.getpid(), socket.gethostname())
-        who = "another call in this process" if is_here else f"process {pid} on {host}"
-        age = max(0.0, time.time() - since)
-        at = time.strftime("%H:%M:%S" if age < _HALF_A_DAY_S else "%Y-%m-%d %H:%M:%S", time.localtime(since))
-        words = " ".join(str(command).split())
-        words = words if len(words) <= _LONGEST_COMMAND else f"{words[:_LONGEST_COMMAND]}..."
-        return f"is being written by {who} since {at} ({spoken(age)}): {words}"
+    Raises:
+        OSError: It cannot be written, or is a link or no file.
+    """
+    from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout  # importing it takes 40 ms
 
-    def is_gone(self) -> bool:
-        """Say whether the process has certainly ended: it ran on this machine, and runs no more."""
-        pid = self.said.get("pid")
-        if self.said.get("host") != socket.gethostname() or not isinstance(pid, int) or sys.platform == "win32":
-            return False
+    lock: BaseFileLock = FileLock(file, timeout=_WAIT_S, thread_local=False, fallback_to_soft=False, on_acquired=_sign)
+    for left in reversed(range(_TRIES)):
+        for folder in [folder for folder in file.parents if not folder.exists()][::-1]:
+            ends.callback(_tried, folder.rmdir)
         try:
-            os.kill(pid, 0)
-        except ProcessLookupError:
-            return True
-        except OSError:
-            return False
-        return bool(self.said.get("born") != _born(pid))  # if not, another process has its number
-
-
-class _Lock:
-    """A lock file: the system's lock on it decides or, on file systems without locks, the owner that it names."""
-
-    def __init__(self, wanted: Path, file: Path) -> None:
-        self._wanted, self._file = wanted, file
-        self._held: int | None = None
-        self._made: list[Path] = []
-        self._advice = "wait, or choose another place."
-
-    def take(self) -> None:
-        """Take it, and write who holds it.
-
-        Raises:
-            OutputError: Another one holds it, or it cannot be written.
-        """
-        for left in reversed(range(_TRIES)):
-            try:
-                if self._is_taken():
-                    self._sign()
-                    return
-            except OutputError:
+            lock.acquire(poll_interval=0.02)
+        except Timeout:
+            until = f", or remove {file} if that process runs no more" if isinstance(lock, SoftFileLock) else ""
+            return f"{_told(file)}; wait, or choose another place{until}."
+        except FileNotFoundError:  # another call has removed the folder, in which it left nothing
+            if not left:
                 raise
-            except OSError as error:
-                raise OutputError(
-                    f"Cannot write {self._wanted}: {reason(error)}; make room, or choose another place."
-                ) from error
-            if left:
-                time.sleep(_PAUSE_S)
-        raise OutputError(f"{self._wanted} {_read(self._file).told()}; {self._advice}")
-
-    def release(self) -> None:
-        """Remove the file and what folders were made for it, unless something is in them, and let others have it."""
-        if self._held is not None:
-            with suppress(OSError):
-                if self._is_there():
-                    self._file.unlink()  # before it is free, or it might be another's by then
-            self._close()
-            if sys.platform == "win32":  # where no open file can be removed
-                with suppress(OSError):
-                    self._file.unlink()
-        for folder in reversed(self._made):
-            with suppress(OSError):
-                folder.rmdir()
-        self._made = []
-
-    def _close(self) -> None:
-        if self._held is not None:
-            os.close(self._held)
-            self._held = None
-
-    def _is_taken(self) -> bool:
-        """Try once."""
-        self._make_folder()
-        is_new = True
-        try:
-            self._held = os.open(self._file, os.O_RDWR | os.O_CREAT | os.O_EXCL | _NO_LINK, 0o666)
         except FileExistsError:
-            is_new = False
-            try:
-                self._held = os.open(self._file, os.O_RDWR | _NO_LINK)
-            except FileNotFoundError:  # its owner has just removed it
-                return False
-            except OSError as error:
-                if self._file.is_symlink():
-                    raise self._refused() from error
+            raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR)) from None
+        except OSError as error:
+            if error.errno not in _NO_LOCKS or isinstance(lock, SoftFileLock):
                 raise
-            if not _is_plain(self._held):
-                self._close()
-                raise self._refused() from None
-        except FileNotFoundError:  # and here the folder, which was empty
-            return False
-        is_mine = _system_lock(self._held)
-        if is_mine is None:
-            is_mine = is_new
-            self._advice = f"wait, choose another place, or remove {self._file} if that process runs no more."
-            if not is_new and _read(self._file).is_gone():
-                self._file.unlink(missing_ok=True)
-        if not is_mine or not self._is_there():
-            self._close()
-        return self._held is not None
-
-    def _refused(self) -> OutputError:
-        return OutputError(f"{self._file} is a link or no file, so it is no lock of cornerforge's; remove it.")
-
-    def _make_folder(self) -> None:
-        missing = list(itertools.takewhile(lambda folder: not folder.exists(), self._file.parents))
-        for folder in reversed(missing):
-            with suppress(FileExistsError):
-                folder.mkdir()
-                self._made.append(folder)
-
-    def _is_there(self) -> bool:
-        """Say whether the file that is held is the one that others find: its owner may have removed it meanwhile."""
-        assert self._held is not None
-        try:
-            return os.path.samestat(self._file.lstat(), os.fstat(self._held))
-        except FileNotFoundError:
-            return False
-
-    def _sign(self) -> None:
-        """Write who holds it; on a full disk it is held all the same."""
-        assert self._held is not None
-        said = {
-            "pid": os.getpid(), "host": socket.gethostname(), "user": _user(), "command": command_line(),
-            "since": time.time(), "born": _born(os.getpid()),
-        }  # fmt: skip
-        with suppress(OSError):
-            os.ftruncate(self._held, 0)
-            os.write(self._held, json.dumps(said).encode() + b"\n")
-
-
-def _looked_up(file: Path) -> _Owner | None:
-    """Say who holds a lock; None: nobody."""
-    try:
-        looked = os.open(file, os.O_RDONLY | _NO_LINK)
-    except OSError:
-        return None
-    try:
-        if not _is_plain(looked):
-            return None
-        is_free, owner = _system_lock(looked, shared=True), _read(file)
-    finally:
-        os.close(looked)
-    return None if is_free or (is_free is None and owner.is_gone()) else owner
-
-
-def _is_plain(number: int) -> bool:
-    """Say whether an open file is a regular one, and has no other name."""
-    found = os.fstat(number)
-    return stat.S_ISREG(found.st_mode) and found.st_nlink <= 1  # 0: its owner has just removed it
-
-
-def _read(file: Path) -> _Owner:
-    try:
-        number = os.open(file, os.O_RDONLY | _NO_LINK)
-        with open(number, "rb") as opened:
-            said = json.loads(opened.read(_LONGEST_LOCK)) if _is_plain(number) else None
-    except (OSError, ValueError):
-        said = None
-    return _Owner(said if isinstance(said, dict) else {})
-
-
-def _system_lock(number: int, *, shared: bool = False) -> bool | None:
-    """Lock an open file, up to its closing; False: another one has locked it, None: the file system has no locks."""
-    try:
-        if sys.platform == "win32":
-            import msvcrt
-
-            os.lseek(number, _FAR, os.SEEK_SET)  # a locked byte cannot be read, so it is none of the text
-            msvcrt.locking(number, msvcrt.LK_NBLCK, 1)
-            os.lseek(number, 0, os.SEEK_SET)
+            if file.lstat().st_size == 0:  # made for a lock that cannot be had
+                _tried(file.unlink)
+            lock = SoftFileLock(file, timeout=_WAIT_S, thread_local=False)
         else:
-            import fcntl
-
-            fcntl.flock(number, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
-    except OSError as error:
-        if error.errno in _NO_LOCKS:
-            return None
-        if error.errno in (errno.EACCES, errno.EAGAIN, errno.EDEADLK):
-            return False
-        raise
-    return True
+            break
+    ends.callback(lock.release)
+    ends.callback(_tried, file.unlink)  # before it is free, or it might be another's by then
+    return ""
 
 
-def _user() -> str | None:
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError):  # a number without a name
-        return None
+def _tried(remove: Callable[[], None]) -> None:
+    with suppress(OSError):
+        remove()
 
 
-def _born(pid: int) -> int | None:
-    """Tell when a process began, in the kernel's ticks; None where that cannot be known."""
-    try:
-        return int(Path(f"/proc/{pid}/stat").read_text("utf-8").rpartition(")")[2].split()[19])
-    except (OSError, ValueError, IndexError):
-        return None
+def _is_plain(found: os.stat_result) -> bool:
+    """Say whether this is of a regular file that has no other name."""
+    return stat.S_ISREG(found.st_mode) and found.st_nlink <= 1
+
+
+def _sign(number: int) -> None:
+    """Write into an open lock which process holds it; on a full disk it is held all the same.
+
+    Raises:
+        OSError: It is no regular file, or has other names too (links).
+    """
+    if not _is_plain(os.fstat(number)):
+        raise OSError(errno.EINVAL, "is a link, or no regular file")
+    words = " ".join(command_line().split())
+    said = f"{os.getpid()}\n{socket.gethostname()}\n{time.strftime('%Y-%m-%d %H:%M:%S')}\n{words}\n"
+    with suppress(OSError):
+        os.ftruncate(number, 0)
+        os.write(number, said.encode(errors="replace"))
+
+
+def _told(file: Path) -> str:
+    """Say which process holds a lock, as its file tells; `filelock` itself writes two or three lines, `_sign` four."""
+    said: list[str] = []
+    with suppress(OSError), open(os.open(file, LOOK), "rb") as opened:
+        if _is_plain(os.fstat(opened.fileno())):
+            said = opened.read(1 << 16).decode(errors="replace").splitlines()
+    if len(said) < 2:
+        return "is being written by another process"
+    is_here = said[:2] == [str(os.getpid()), socket.gethostname()]
+    process = "another call in this process" if is_here else f"process {said[0]} on {said[1]}"
+    return f"is being written by {process}{f' since {said[2]}: {said[3][:_LONGEST]}' if len(said) > 3 else ''}"
