@@ -36,15 +36,10 @@ _SIMULATION = (
     "drivers/*.py", "road/*.py", "sim/*.py",
 )  # fmt: skip
 _NOT_NATURAL = (
-    "policy.py", "adversaries.py", "observe.py", "recorder.py", "statistics.py", "avs.py", "__init__.py", "acts.py",
-    "danger.py", "lessons.py", "branches.py", "forest.py", "tilt.py", "trees.py", "grove.py",
-    "drive_bv.py", "drive_bv_outside.py",
+    "policy.py", "adversaries.py", "observe.py", "recorder.py", "statistics.py", "avs.py", "__init__.py",
 )  # fmt: skip
 """Natural traffic does not depend on these; an AV's numbers have a hash of their own."""
-_TREES = (
-    "sim/acts.py", "sim/branches.py", "sim/danger.py", "sim/forest.py", "sim/lessons.py", "sim/trees.py",
-    "rates/teaching.py", "rates/trees.py",
-)  # fmt: skip
+_TREES = ("rates/branching/*.py", "rates/teaching.py")
 _CRASH_COLUMNS = (
     "test", "time", "crash_type", "mechanism", "at_start", "rarest_chance", "rare_action", "overlooked",
     "looked_away",
@@ -83,7 +78,7 @@ def simulation_hash(package: Path | None = None) -> str:
 
 
 def trees_hash(package: Path | None = None) -> str:
-    """The same over the code that decides how trees of tests grow, beside that."""
+    """The same over the code that decides how tests branch into trees, beside that."""
     return _hash(_TREES, (), package)
 
 

@@ -1,4 +1,4 @@
-"""Natural crash rates by trees of tests: taught, grown, judged, and compared in CPU time with counting.
+"""Natural crash rates by trees of tests: taught, driven, judged, and compared in CPU time with counting.
 
     .venv/bin/python benchmarks/natural_rates.py --av idm-mobil --lanes 3 --trees 60000
 
@@ -11,8 +11,8 @@ import argparse
 import time
 
 from cornerforge.experiment.setting import check_threads, experiment
+from cornerforge.rates.branching.drive import DrivenTrees, drive_trees
 from cornerforge.rates.teaching import plan_of, teach
-from cornerforge.rates.trees import Grown, grow
 from cornerforge.rates.weighted import weighted_rate
 from cornerforge.sim import simulate
 
@@ -37,13 +37,13 @@ def main() -> None:
     print("| what | trees | rate | +- 95 % | effective | largest | us a tree | lost | plain CPU over this | doubts |")
     print("| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- |")
 
-    def tell(name: str, grown: Grown) -> None:
-        found = weighted_rate(grown.roots["weight"])
-        each = grown.cpu_seconds / found.n
+    def tell(name: str, driven: DrivenTrees) -> None:
+        found = weighted_rate(driven.trees["weight"])
+        each = driven.cpu_seconds / found.n
         worth = found.counted_tests * plain / (found.n * each)
         print(
             f"| {name} | {found.n:,} | {found.rate:.3g} | {found.high - found.rate:.2g} | {found.effective:.0f} | "
-            f"{found.largest:.3f} | {1e6 * each:.0f} | {grown.roots['lost'].sum()} | {worth:,.0f} | "
+            f"{found.largest:.3f} | {1e6 * each:.0f} | {driven.trees['lost'].sum()} | {worth:,.0f} | "
             f"{'; '.join(found.doubts) or 'none'} |",
             flush=True,
         )
@@ -53,7 +53,7 @@ def main() -> None:
         plan = plan_of(taught.network, times * taught.level)
         tell(
             f"{times:g} x {taught.level:.2g}",
-            grow(run.setting, run.slots, plan, seed=given.seed + 1, first=0, tests=given.trees, threads=threads),
+            drive_trees(run.setting, run.slots, plan, seed=given.seed + 1, first=0, tests=given.trees, threads=threads),
         )
     print(f"Teaching took {taught.tests:,} trees and {taught.cpu_seconds:.0f} s of CPU.")
 

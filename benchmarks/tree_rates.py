@@ -3,9 +3,9 @@
     .venv/bin/python benchmarks/tree_rates.py --only "idm-mobil-*-lanes" --write docs/results.md
 
 An AV on a road is taught once and driven until its interval is narrow enough. A setting that varies the model uses the
-network that the shipped model taught, and has so many trees: what the network says changes no rate (`sim.trees`), and
-doubts tell if it served badly. Results go into a ledger, one entry a setting; what is there of the same code is not run
-again. Entries of trees that grew otherwise stay, marked, until their setting is asked for.
+network that the shipped model taught, and has so many trees: what the network says changes no rate
+(`rates.branching`), and doubts tell if it served badly. Results go into a ledger, one entry a setting; what is there of
+the same code is not run again. Entries of trees that branched otherwise stay, marked, until their setting is asked for.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def _simulations_of_the_same_bits() -> set[str]:
 
 
 def _is_of_today(entry: Mapping[str, Any] | None) -> bool:
-    """Did an entry's trees grow as they grow now?"""
+    """Are an entry's trees the same as now?"""
     return entry is not None and entry["identity"].get("trees") == trees_hash()
 
 
@@ -179,7 +179,7 @@ def render(found: Mapping[str, Rated], plain_cpu_seconds: Mapping[str, float]) -
         table(head, rows),
         "A plain test costs "
         + ", ".join(f"{1e6 * plain_cpu_seconds[setting.name]:.0f}" for setting in base)
-        + " us of CPU, in the order of the rows. \\*: of trees that grew otherwise, before their last change.",
+        + " us of CPU, in the order of the rows. \\*: of trees that branched otherwise, before their last change.",
     ]
     if varied:
         whole = found[f"{varied[0].av}-{varied[0].lanes}-lanes"]

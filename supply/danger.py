@@ -1,7 +1,7 @@
 """Teach, at length, the network of dangers that every rate by trees begins with: `make danger`.
 
-The first lessons come from tests in which acts near `idm-mobil` are followed by chance, the later ones from trees that
-grow by what was learned so far; then all built-in AVs are driven in turn, twice, but for those made bad on purpose,
+The first samples come from tests in which acts near `idm-mobil` are followed by chance, the later ones from trees that
+branch by what was learned so far; then all built-in AVs are driven in turn, twice, but for those made bad on purpose,
 which crash often enough to be counted.
 
 python supply/danger.py FILE
@@ -16,9 +16,9 @@ from cornerforge._checksums import write_arrays
 from cornerforge.drivers.avs import AVS
 from cornerforge.execution import default_threads
 from cornerforge.experiment.setting import Experiment, experiment
-from cornerforge.rates.teaching import School, blind_plan, level_of, wide_plan_of
-from cornerforge.rates.trees import LessonTable, grow
-from cornerforge.sim import Plan
+from cornerforge.rates.branching.drive import TrainingTable, drive_trees
+from cornerforge.rates.branching.population import Plan
+from cornerforge.rates.teaching import DangerLearner, blind_plan, level_of, wide_plan_of
 
 SEED = 20_261_127
 ALONE = (16_000, 32_000, 64_000)
@@ -31,37 +31,37 @@ STEPS, LAST_STEPS = 4_000, 20_000
 
 def main(place: Path) -> None:
     """Teach the network, and write it."""
-    school, threads, begun = School(SEED), default_threads(), 0
+    learner, threads, begun = DangerLearner(SEED), default_threads(), 0
 
-    def grown(run: Experiment, plan: Plan, tests: int) -> LessonTable:
+    def driven(run: Experiment, plan: Plan, tests: int) -> TrainingTable:
         nonlocal begun
-        made = grow(
+        made = drive_trees(
             run.setting, run.slots, plan, seed=SEED, first=begun, tests=tests, threads=threads, learning=True
         )  # fmt: skip
         begun += tests
-        assert made.lessons is not None
+        assert made.training is not None
         print(
-            f"{run.av.name}: {tests} trees, {made.roots['weight'].mean():.3g}, {made.lessons.root.size} lessons",
+            f"{run.av.name}: {tests} trees, {made.trees['weight'].mean():.3g}, {made.training.test.size} samples",
             flush=True,
         )
-        return made.lessons
+        return made.training
 
-    def by_the_network(run: Experiment, tests: int) -> LessonTable:
-        network = school.network()
+    def by_the_network(run: Experiment, tests: int) -> TrainingTable:
+        network = learner.network()
         level, _ = level_of(network, run.setting, run.slots, SEED, threads)
-        return grown(run, wide_plan_of(network, level), tests)
+        return driven(run, wide_plan_of(network, level), tests)
 
     first = experiment()
-    tables = [grown(first, blind_plan(), ALONE[0])]
+    tables = [driven(first, blind_plan(), ALONE[0])]
     for tests in ALONE:
-        school.learn(tables, steps=STEPS)
+        learner.learn(tables, steps=STEPS)
         tables = [tables[0], by_the_network(first, tests)]
     runs = [experiment(av=name) for name in AVS if not name.startswith("flawed-")]
     for number in range(ROUNDS):
-        school.learn(tables, steps=STEPS if number == 0 else LAST_STEPS)
+        learner.learn(tables, steps=STEPS if number == 0 else LAST_STEPS)
         tables = [tables[0], *(by_the_network(run, EACH) for run in runs)]
-    school.learn(tables, steps=LAST_STEPS)
-    write_arrays(place, school.network()._asdict())
+    learner.learn(tables, steps=LAST_STEPS)
+    write_arrays(place, learner.network()._asdict())
 
 
 if __name__ == "__main__":

@@ -14,9 +14,13 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import hypothesis
 import pytest
+
+if TYPE_CHECKING:
+    from cornerforge.ndd.model import NddModel
 
 GOLDEN = Path(__file__).parent / "golden"
 FIXED_SEED = 20_210_206
@@ -95,6 +99,22 @@ def golden(request: pytest.FixtureRequest) -> Callable[[str, str], None]:
         assert text == path.read_text(encoding="utf-8"), f"{path.name} differs; if that is meant: make golden"
 
     return compare
+
+
+@pytest.fixture(scope="session")
+def model() -> NddModel:
+    """The shipped naturalistic model."""
+    from cornerforge.ndd.model import default_model_path, load_model
+
+    return load_model(default_model_path())
+
+
+@pytest.fixture(scope="session")
+def reckless(model: NddModel) -> NddModel:
+    """A model in which more happens."""
+    from hand_built import reckless_drivers
+
+    return reckless_drivers(model)
 
 
 @pytest.fixture

@@ -26,9 +26,10 @@ from cornerforge.execution import cpu_seconds, engine, in_order
 from cornerforge.execution.worker import work_on
 from cornerforge.experiment.setting import experiment
 from cornerforge.library import CaseLibrary
+from cornerforge.rates.branching import danger
+from cornerforge.rates.branching.drive import drive_trees
+from cornerforge.rates.branching.population import Plan
 from cornerforge.rates.teaching import plan_of, tilted_plan_of
-from cornerforge.rates.trees import grow
-from cornerforge.sim import Plan, danger
 
 pytestmark = pytest.mark.full
 
@@ -130,14 +131,14 @@ def test_weighted_tests_are_the_same(machines: Any, how: Callable[[danger.Networ
     plan = how(danger.untaught(1e-4), 1e-4)
 
     def grown() -> Any:
-        return grow(run.setting, run.slots, plan, seed=3, first=0, tests=1000, threads=2, learning=True)
+        return drive_trees(run.setting, run.slots, plan, seed=3, first=0, tests=1000, threads=2, learning=True)
 
     here = grown()
     with engine("ray", address=machines.address):
         there = grown()
-    assert here.roots.tobytes() == there.roots.tobytes()
+    assert here.trees.tobytes() == there.trees.tobytes()
     assert here.actions.tobytes() == there.actions.tobytes()
-    assert here.lessons.seen.tobytes() == there.lessons.seen.tobytes()
+    assert here.training.seen.tobytes() == there.training.seen.tobytes()
     assert there.cpu_seconds > 0.0
 
 

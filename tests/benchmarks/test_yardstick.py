@@ -12,7 +12,7 @@ from yardstick import COMPILER, INFO, Memory, Yardstick, allocate_memory, has_co
 
 from cornerforge.drivers.avs import AVS, av_named
 from cornerforge.ndd.model import Memory as DriverMemory
-from cornerforge.ndd.model import NddModel, default_model_path, load_model
+from cornerforge.ndd.model import NddModel
 from cornerforge.sim.drive import drive_range
 from cornerforge.sim.keep import allocate_outcomes, keep_nothing
 from cornerforge.sim.runner import drive_chunk
@@ -26,11 +26,6 @@ pytestmark = pytest.mark.skipif(not has_compiler(), reason=f"no {COMPILER}")
 PLAIN = sorted(name for name, av in AVS.items() if av.kind == "plain")
 TESTS = 500
 """Per setting: 2 lanes and 3, both AV parameter sets and the blind one, make 3,000."""
-
-
-@pytest.fixture(scope="module")
-def model() -> NddModel:
-    return load_model(default_model_path())
 
 
 @pytest.fixture(scope="module")

@@ -20,14 +20,9 @@ from cornerforge.ext.calibrate.uncertainty import (
     widths,
 )
 from cornerforge.ext.calibrate.variations import counted_decisions, varied_model
-from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
+from cornerforge.ndd.model import NddModel, model_hash
 
 DRAWS = 4000
-
-
-@pytest.fixture(scope="module")
-def model() -> NddModel:
-    return load_model(default_model_path())
 
 
 @pytest.fixture(scope="module")

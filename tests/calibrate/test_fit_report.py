@@ -16,16 +16,11 @@ from cornerforge.ext.calibrate.report import FitReport
 from cornerforge.ext.calibrate.sensitivity import fit_sensitivity
 from cornerforge.ext.calibrate.shown import counted_states
 from cornerforge.ext.calibrate.traffic_crashes import traffic_crashes
-from cornerforge.ndd import default_model_path, load_model, write_fit_report
+from cornerforge.ndd import write_fit_report
 from cornerforge.ndd.model import NddModel
 
 PARTS = (ModelPart("car-following law", FITTED, "1,234 decisions <all>"), ModelPart("memory", PRIOR, "Smoothing."))
 HEADER = "track,leader_track,t_s,y_m,spacing_m"
-
-
-@pytest.fixture(scope="module")
-def model() -> NddModel:
-    return load_model(default_model_path())
 
 
 def report_of(model: NddModel, sensitivity: tuple[Mapping[str, Any], ...] = ()) -> FitReport:

@@ -13,7 +13,7 @@ import pytest
 from cornerforge.ext.calibrate.compare import SimulatedQuantity, SimulatedTraffic, compare_decisions, compare_traffic
 from cornerforge.ext.calibrate.decisions import Decisions
 from cornerforge.ext.calibrate.readers import Reading
-from cornerforge.ndd import default_model_path, load_model, read_decisions
+from cornerforge.ndd import read_decisions
 from cornerforge.ndd.model import NddModel
 from cornerforge.types import ACCELERATIONS
 
@@ -27,11 +27,6 @@ GRIDS = {
     "accepted_lead_gap": ("m", 0.0, 1.0, 121),
     "accepted_rear_gap": ("m", 0.0, 1.0, 121),
 }
-
-
-@pytest.fixture(scope="module")
-def model() -> NddModel:
-    return load_model(default_model_path())
 
 
 def drivers(n: int, speeds: np.ndarray, seed: int) -> Decisions:

@@ -19,18 +19,13 @@ from cornerforge.cli import main
 from cornerforge.errors import FileFormatError, InputError, MissingExtraError, OutputError
 from cornerforge.ext.calibrate.show import show_text
 from cornerforge.ext.calibrate.shown import counted_states, key_numbers, mean_and_sd, quantiles
-from cornerforge.ndd import default_model_path, load_model, save_model
+from cornerforge.ndd import default_model_path, save_model
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
 from cornerforge.results import NddShown, from_json
 from cornerforge.types import ACCELERATIONS
 
 needs_matplotlib = pytest.mark.skipif(importlib.util.find_spec("matplotlib") is None, reason="needs the extra report")
 HOLD = int(np.flatnonzero(ACCELERATIONS == 0.0)[0])
-
-
-@pytest.fixture(scope="module")
-def model() -> NddModel:
-    return load_model(default_model_path())
 
 
 def certain(model: NddModel) -> NddModel:

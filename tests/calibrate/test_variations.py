@@ -11,13 +11,7 @@ import pytest
 
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.ext.calibrate.variations import Variation, varied_model
-from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash, save_model
-
-
-@pytest.fixture(scope="module")
-def model() -> NddModel:
-    return load_model(default_model_path())
-
+from cornerforge.ndd.model import NddModel, load_model, model_hash, save_model
 
 TABLES = ("following", "free", "lc_base", "lc_desire", "lc_accept_lead", "lc_accept_rear", "lc_turn_back")
 VARIATIONS = {

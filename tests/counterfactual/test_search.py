@@ -21,7 +21,7 @@ from cornerforge.counterfactual.motion import allocate_rows
 from cornerforge.counterfactual.search import BRAKING, Manoeuvres
 from cornerforge.counterfactual.witness import drive_way_out
 from cornerforge.geometry import Box, boxes_overlap
-from cornerforge.ndd.model import NddModel, default_model_path, load_model
+from cornerforge.ndd.model import NddModel
 from cornerforge.recordings import Recordings, Trajectories, bodies_in, recordings_of_scenarios, unpack
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim.braking import Braking, avoidable_by_braking, is_avoidable
@@ -33,11 +33,6 @@ from cornerforge.types import Odd, Scenario
 
 BOUND = 4.0
 EVASIVE = replace(ODD, lane_change_duration=float(np.sqrt(10.0 / np.sqrt(3.0) * ODD.lane_width / BOUND)))
-
-
-@pytest.fixture(scope="module")
-def model() -> NddModel:
-    return load_model(default_model_path())
 
 
 PARAMS = AvoidParams(horizon_s=1.2, lookback_s=1.3)

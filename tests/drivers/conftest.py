@@ -1,16 +1,11 @@
-"""The shipped naturalistic model, for the driver tests."""
+"""The tables of the shipped model, for the driver tests."""
 
 from __future__ import annotations
 
 import pytest
 
 from cornerforge.drivers.naturalistic import NddTables, tables_of
-from cornerforge.ndd.model import NddModel, default_model_path, load_model
-
-
-@pytest.fixture(scope="session")
-def model() -> NddModel:
-    return load_model(default_model_path())
+from cornerforge.ndd.model import NddModel
 
 
 @pytest.fixture(scope="session")

@@ -6,9 +6,6 @@ from pathlib import Path
 from textwrap import indent
 
 import pytest
-from hand_built import reckless_drivers
-
-from cornerforge.ndd.model import NddModel, default_model_path, load_model
 
 # Every AV remembers the seeds of its tests, so that a fault can be tied to tests and not to rows of a batch.
 BASE = """
@@ -65,11 +62,6 @@ class Forgetful:
     def act(self, view):
         return Base.good(self, view)
 """
-
-
-@pytest.fixture(scope="session")
-def reckless() -> NddModel:
-    return reckless_drivers(load_model(default_model_path()))
 
 
 @pytest.fixture

@@ -12,12 +12,12 @@ from cornerforge.errors import AvFaultError, InputError
 from cornerforge.experiment.av_file import av_of
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.recorder import ForeignRecorder
-from cornerforge.foreign.trees import ForeignGrower
 from cornerforge.ndd.model import NddModel
-from cornerforge.rates.trees import Grown, grow
+from cornerforge.rates.branching.danger import N_SEEN, WIDTH, Network
+from cornerforge.rates.branching.drive import DrivenTrees, drive_trees
+from cornerforge.rates.branching.foreign import ForeignTrees
+from cornerforge.rates.branching.population import TREE, Plan, Tilt
 from cornerforge.sim import OUTSIDE, STEERED, Script, ScriptDriver, Setting, n_slots, simulate
-from cornerforge.sim.danger import N_SEEN, WIDTH, Network
-from cornerforge.sim.forest import ROOT, Plan, Tilt
 from cornerforge.types import Odd
 
 pytestmark = [pytest.mark.full, pytest.mark.usefixtures("in_memory")]
@@ -36,18 +36,18 @@ def plan(seed: int, level: float, *, windows: int = 1) -> Plan:
     return Plan(level, 0.3 * level, 0.1, 0.02, windows, 30.0, 2.0, Network(*weights))
 
 
-def trees(run: Setting, av: ForeignAv | None, tests: int, how: Plan, threads: int = 1) -> Grown:
-    extra = {} if av is None else {"grower": ForeignGrower(av)}
-    return grow(run, SLOTS, how, seed=4, first=3, tests=tests, threads=threads, **extra)  # type: ignore[arg-type]
+def trees(run: Setting, av: ForeignAv | None, tests: int, how: Plan, threads: int = 1) -> DrivenTrees:
+    extra = {} if av is None else {"driver": ForeignTrees(av)}
+    return drive_trees(run, SLOTS, how, seed=4, first=3, tests=tests, threads=threads, **extra)  # type: ignore[arg-type]
 
 
-def same(a: Grown, b: Grown) -> bool:
-    """All roots, and all crashes but for their order."""
+def same(a: DrivenTrees, b: DrivenTrees) -> bool:
+    """All trees, and all crashes but for their order."""
     first, second = (
-        grown.crashes[np.lexsort([grown.crashes[n] for n in ("time", "weight", "root")])] for grown in (a, b)
+        driven.crashes[np.lexsort([driven.crashes[n] for n in ("time", "weight", "test")])] for driven in (a, b)
     )
-    names = ("root", "weight", "time", "partner", "acts", "begun")
-    return all((a.roots[name] == b.roots[name]).all() for name in ROOT.names or ()) and all(
+    names = ("test", "weight", "time", "partner", "acts", "begun")
+    return all((a.trees[name] == b.trees[name]).all() for name in TREE.names or ()) and all(
         np.array_equal(first[name], second[name]) for name in names
     )
 
@@ -58,12 +58,12 @@ def test_they_are_the_trees_of_the_same_av_inside(reckless: NddModel) -> None:
     inside = setting_of(reckless, ODD, av=av_of("rl"))
     run, how = inside.with_drivers(av=OUTSIDE), plan(0, 1e-2)
     expected = trees(inside, None, 10, how)
-    assert expected.roots["crashes"].sum() > 5
+    assert expected.trees["crashes"].sum() > 5
     for batch in (256, 5):
         found = trees(run, ForeignAv("twins:Twin", ODD, batch=batch), 10, how)
         assert same(found, expected)
         assert found.strayed == 0
-        assert found.asked > 6 * expected.roots["seconds"].sum()
+        assert found.asked > 6 * expected.trees["seconds"].sum()
 
 
 @pytest.mark.usefixtures("twins")
@@ -73,13 +73,13 @@ def test_tests_drawn_from_proposals_are_those_of_the_same_av_inside(reckless: Nd
     run = inside.with_drivers(av=OUTSIDE)
     how = plan(0, 1e-2)._replace(tilt=Tilt(np.array([0.3, 0.7]), np.array([0.0, 1.0]), 2))
     expected = trees(inside, None, 300, how)
-    assert expected.roots["crashes"].sum() > 5
-    assert expected.roots["ended"].std() > 0.1
+    assert expected.trees["crashes"].sum() > 5
+    assert expected.trees["ended"].std() > 0.1
     for batch, again in ((256, False), (5, True)):
         found = trees(run, ForeignAv("twins:Twin", ODD, batch=batch), 300, how)
         assert same(found, expected)
         assert found.strayed == 0
-        assert (found.asked > expected.roots["seconds"].sum() * 10) == again
+        assert (found.asked > expected.trees["seconds"].sum() * 10) == again
 
 
 STEERS = """
@@ -113,9 +113,9 @@ def test_trees_of_an_av_that_steers_do_not_depend_on_the_batch(
     assert (many.strayed, few.strayed) == (0, 0)
     assert len(many.crashes) > 3
     recorder = ForeignRecorder(av, run, ODD)
-    for leaf, answers, actions in zip(many.crashes, many.answers, many.actions, strict=True):
+    for end, answers, actions in zip(many.crashes, many.answers, many.actions, strict=True):
         given = answers[np.isfinite(answers[:, 0])]
-        kept = recorder.record_branch(4, int(leaf["root"]), actions[: leaf["begun"]], given)
+        kept = recorder.record_branch(4, int(end["test"]), actions[: end["begun"]], given)
         assert kept.crash is not None
         assert kept.crash.slot_a == 0
 
@@ -126,7 +126,7 @@ def test_an_av_without_memory_is_shown_nothing_again(reckless: NddModel) -> None
     run, how = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE), plan(0, 1e-2)
     with_memory, without = (trees(run, ForeignAv(f"avs:{name}", ODD), 20, how) for name in ("Good", "Forgetful"))
     assert same(with_memory, without)
-    assert 6 * without.roots["seconds"].sum() < without.asked <= 10 * without.roots["seconds"].sum()
+    assert 6 * without.trees["seconds"].sum() < without.asked <= 10 * without.trees["seconds"].sum()
     assert with_memory.asked > 1.5 * without.asked
     assert (with_memory.strayed, without.strayed) == (0, 0)
     assert same(trees(run, ForeignAv("avs:Good", ODD), 20, how, threads=2), with_memory)
@@ -144,7 +144,7 @@ def test_an_av_that_counts_its_calls_in_idle_rows_too_is_not_out_of_step(reckles
 def test_their_mean_is_the_rate_that_counting_gives(reckless: NddModel) -> None:
     run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE)
     av = ForeignAv("avs:Forgetful", ODD)
-    weights = trees(run, av, 1_500, plan(0, 3e-2), threads=2).roots["weight"]
+    weights = trees(run, av, 1_500, plan(0, 3e-2), threads=2).trees["weight"]
     counted = simulate(run, SLOTS, seed=9, tests=5_000, threads=2, drive=av)
     rate = counted.av_crashes / counted.tests
     off = np.hypot(weights.std(ddof=1) / np.sqrt(weights.size), np.sqrt(rate / counted.tests))
@@ -156,20 +156,20 @@ def test_their_mean_is_the_rate_that_counting_gives(reckless: NddModel) -> None:
 def test_a_branch_is_recorded_with_the_answers_that_led_to_its_crash(reckless: NddModel) -> None:
     run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE)
     av = ForeignAv("avs:Good", ODD)
-    grown = trees(run, av, 20, plan(0, 1e-2))
+    driven = trees(run, av, 20, plan(0, 1e-2))
     recorder, scripts = ForeignRecorder(av, run, ODD), ScriptDriver(run, ODD, av)
-    assert len(grown.crashes) > 5
-    for k in range(0, len(grown.crashes), max(1, len(grown.crashes) // 10)):
-        leaf, answers = grown.crashes[k], grown.answers[k]
-        actions = grown.actions[k, : leaf["begun"]]
-        kept = recorder.record_branch(4, int(leaf["root"]), actions, answers[np.isfinite(answers[:, 0])])
-        start = scripts.start_of_test(4, int(leaf["root"]))
+    assert len(driven.crashes) > 5
+    for k in range(0, len(driven.crashes), max(1, len(driven.crashes) // 10)):
+        end, answers = driven.crashes[k], driven.answers[k]
+        actions = driven.actions[k, : end["begun"]]
+        kept = recorder.record_branch(4, int(end["test"]), actions, answers[np.isfinite(answers[:, 0])])
+        start = scripts.start_of_test(4, int(end["test"]))
         slots = np.arange(start.size, dtype=np.int16)
-        asked, _ = scripts.record(Script(slots, start, actions[:, : start.size], 4, int(leaf["root"])))
+        asked, _ = scripts.record(Script(slots, start, actions[:, : start.size], 4, int(end["test"])))
         for scenario in (kept, asked):
             assert scenario.crash is not None
             assert scenario.crash.slot_a == 0
-            assert (scenario.crash.time, scenario.crash.slot_b) == (round(float(leaf["time"]), 1), leaf["partner"])
+            assert (scenario.crash.time, scenario.crash.slot_b) == (round(float(end["time"]), 1), end["partner"])
 
 
 @pytest.mark.usefixtures("twins")
@@ -187,7 +187,7 @@ def test_a_failure_is_told_in_one_sentence(reckless: NddModel, name: str, what: 
         trees(run, ForeignAv(f"avs:{name}", ODD), 200, plan(0, 1e-2))
 
 
-def test_an_av_outside_needs_a_grower(reckless: NddModel) -> None:
+def test_an_av_outside_needs_a_driver(reckless: NddModel) -> None:
     run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE)
-    with pytest.raises(InputError, match="grower of its own"):
+    with pytest.raises(InputError, match="driver of its own"):
         trees(run, None, 1, plan(0, 1e-2))

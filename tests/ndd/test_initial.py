@@ -26,11 +26,6 @@ HOSTILE = (math.nan, math.inf, 0, 1e-308, 10**400, "0.5")
 DRIVEN = 10
 
 
-@pytest.fixture(scope="module")
-def model() -> NddModel:
-    return load_model(default_model_path())
-
-
 def test_every_number_has_a_range_that_holds_its_default(model: NddModel) -> None:
     for part in (model, Memory(), InitialState()):
         numbers = [one for one in fields(part) if isinstance(getattr(part, one.name), float)]

@@ -35,11 +35,11 @@ from cornerforge.drivers.mobil import MobilParams
 from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.memory import Memory
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
-from cornerforge.rates.trees import grow
+from cornerforge.rates.branching.danger import N_SEEN, WIDTH, Network
+from cornerforge.rates.branching.drive import drive_trees
+from cornerforge.rates.branching.population import Plan, Tilt
 from cornerforge.rates.weighted import weighted_rate
 from cornerforge.sim import NATURAL, Script, ScriptDriver, drive_chunk
-from cornerforge.sim.danger import N_SEEN, WIDTH, Network
-from cornerforge.sim.forest import Plan, Tilt
 from cornerforge.sim.scripted import START_FIELDS, TRAITS, scripted_start
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.world import AV_CRASH
@@ -61,7 +61,7 @@ class Problem:
         model: The drivers.
         av: The AV.
         slots: Vehicle slots, the AV's included; for who would come into one more there is no room.
-        plan: How trees grow there.
+        plan: How tests branch there.
     """
 
     name: str
@@ -363,20 +363,20 @@ def count(problem: Problem, seed: int, n: int) -> Floats:
     return (ends == AV_CRASH).astype(np.float64)
 
 
-def grow_trees(problem: Problem, seed: int, n: int) -> Floats:
+def split(problem: Problem, seed: int, n: int) -> Floats:
     """Trees of tests, by the problem's plan."""
-    roots = grow(problem.setting, problem.slots, problem.plan, seed=seed, first=0, tests=n, threads=1).roots
-    assert roots["lost"].sum() == 0
-    return roots["weight"].copy()
+    trees = drive_trees(problem.setting, problem.slots, problem.plan, seed=seed, first=0, tests=n, threads=1).trees
+    assert trees["lost"].sum() == 0
+    return trees["weight"].copy()
 
 
 def draw_from_proposals(problem: Problem, seed: int, n: int) -> Floats:
     """Tests drawn from proposals by the problem's plan: importance sampling."""
     tilt = Tilt(np.array([0.1, 0.5, 0.4]), np.array([0.0, 1.0, 1.6]), 3)
-    return grow_trees(replace(problem, plan=problem.plan._replace(tilt=tilt)), seed, n)
+    return split(replace(problem, plan=problem.plan._replace(tilt=tilt)), seed, n)
 
 
-METHODS: dict[str, Weights] = {"mc": count, "splitting": grow_trees, "is": draw_from_proposals}
+METHODS: dict[str, Weights] = {"mc": count, "splitting": split, "is": draw_from_proposals}
 
 
 def taught(problem: Problem, seed: int) -> tuple[Problem, int]:
@@ -397,7 +397,7 @@ def taught(problem: Problem, seed: int) -> tuple[Problem, int]:
             patch.setattr(teaching, name, value)
         found = teaching.teach(
             problem.setting, problem.slots, seed=seed, threads=1,
-            tell=lambda _, grown: seconds.append(int(grown.roots["seconds"].sum())),
+            tell=lambda _, driven: seconds.append(int(driven.trees["seconds"].sum())),
         )  # fmt: skip
     return replace(problem, plan=teaching.plan_of(found.network, found.level)), sum(seconds)
 

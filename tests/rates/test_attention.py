@@ -11,7 +11,7 @@ from hand_built import setting_of
 
 from cornerforge._elementary import log
 from cornerforge.errors import InputError
-from cornerforge.ndd.model import NddModel, default_model_path, load_model
+from cornerforge.ndd.model import NddModel
 from cornerforge.rates.attention import ActionChances, action_chances, oversight
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.world import n_slots
@@ -19,11 +19,6 @@ from cornerforge.types import Odd
 
 ODD = Odd()
 SLOTS = n_slots(ODD)
-
-
-@pytest.fixture(scope="module")
-def model() -> NddModel:
-    return load_model(default_model_path())
 
 
 def test_chances_are_those_that_the_recorder_wrote_down(model: NddModel) -> None:

@@ -43,10 +43,10 @@ from scipy import stats
 from statistical_bounds import distance_to_law, dkw_bound, rate_fits
 
 from cornerforge.intervals import binomial_interval
-from cornerforge.rates.trees import grow
+from cornerforge.rates.branching.acts import LOOKS_AWAY
+from cornerforge.rates.branching.drive import drive_trees
 from cornerforge.rates.weighted import LEAST_TREES, weighted_rate
 from cornerforge.sim import ScriptDriver
-from cornerforge.sim.acts import LOOKS_AWAY
 from cornerforge.sim.scripted import TRAITS
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import allocate_worlds, world_of
@@ -212,14 +212,14 @@ def test_a_method_that_is_blind_to_one_kind_is_caught(
 
 
 def test_trees_that_drop_one_kind_are_caught(of_the_chain: Futures, seed: int) -> None:
-    """Copies in which a driver looks away are grown and then forgotten, as if nobody had listed the act."""
+    """Copies in which a driver looks away are driven and then forgotten, as if the act were not listed."""
 
     def forgetful(problem: Problem, seed: int, n: int) -> Floats:
-        found = grow(problem.setting, problem.slots, problem.plan, seed=seed, first=0, tests=n, threads=1)
-        assert found.crashes.size == found.roots["crashes"].sum()
+        found = drive_trees(problem.setting, problem.slots, problem.plan, seed=seed, first=0, tests=n, threads=1)
+        assert found.crashes.size == found.trees["crashes"].sum()
         kept = [str(LOOKS_AWAY) not in str(acts) for acts in found.crashes["acts"]]
         weights = np.zeros(n)
-        np.add.at(weights, found.crashes["root"], found.crashes["weight"] * kept)
+        np.add.at(weights, found.crashes["test"], found.crashes["weight"] * kept)
         return weights
 
     n = enough(METHODS["splitting"], chain(), seed - 1)
@@ -240,10 +240,12 @@ def test_a_rare_crash_is_found_by_trees_and_not_by_counting(seed: int) -> None:
     answer = chain_answer(seldom).chance
     assert 3e-7 < answer < 1e-5
     problem, driven = taught(seldom, 1)
-    roots = grow(problem.setting, problem.slots, problem.plan, seed=seed, first=0, tests=LEAST_TREES, threads=1).roots
-    assert roots["lost"].sum() == 0
-    found = weighted_rate(roots["weight"])
-    counted = (driven + int(roots["seconds"].sum())) / problem.odd.time_limit * answer
+    trees = drive_trees(
+        problem.setting, problem.slots, problem.plan, seed=seed, first=0, tests=LEAST_TREES, threads=1
+    ).trees
+    assert trees["lost"].sum() == 0
+    found = weighted_rate(trees["weight"])
+    counted = (driven + int(trees["seconds"].sum())) / problem.odd.time_limit * answer
     print(
         f"{answer:.4g}: {found.rate:.4g} +- {found.error:.1g}, {found.effective:.0f} effective of {found.n}; counting "
         f"would see {counted:.2g} crashes in as many seconds, and needs {1.96**2 / 0.1**2:.0f} for 10 %"

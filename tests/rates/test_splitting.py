@@ -15,9 +15,9 @@ from cornerforge.cli import main
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.library import CaseLibrary
 from cornerforge.rates import binomial_interval
+from cornerforge.rates.branching import danger
 from cornerforge.rates.splitting import pick
 from cornerforge.results import NaturalRate
-from cornerforge.sim import danger
 
 pytestmark = pytest.mark.full
 

@@ -1,4 +1,4 @@
-"""Teaching: which AV drives in which round, which lessons are learned from, and what it begins with."""
+"""Teaching: which AV drives in which round, which samples are learned from, and what it begins with."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from hand_built import reckless_drivers, setting_of
 
 from cornerforge.drivers.avs import av_named
 from cornerforge.ndd.model import default_model_path, load_model
-from cornerforge.rates.trees import BUILT_IN_GROWER
-from cornerforge.sim import Forest, n_slots
+from cornerforge.rates.branching.drive import BUILT_IN_TREES
+from cornerforge.rates.branching.population import Population
+from cornerforge.sim import n_slots
 from cornerforge.types import Odd
 
 
 class Noted:
-    """Grows trees like the kernels, and notes whose."""
+    """Drives trees like the kernels, and notes the AVs."""
 
     places, chunk = 1, 250
 
@@ -25,15 +26,15 @@ class Noted:
         self.first: list[int] = []
         self.blind: list[bool] = []
 
-    def __call__(self, seed: int, first: int, forest: Forest, roots: Any) -> None:
+    def __call__(self, seed: int, first: int, population: Population, trees: Any) -> None:
         self.first.append(first)
-        self.blind.append(forest.plan.windows == 0)
-        BUILT_IN_GROWER(seed, first, forest, roots)
+        self.blind.append(population.plan.windows == 0)
+        BUILT_IN_TREES(seed, first, population, trees)
 
 
 @pytest.mark.full
 def test_a_known_network_is_adjusted_by_trees_of_the_av_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Blind trees come first, and their lessons stay: the crashes of `idm-mobil-blind` are those of no other AV.
+    """Blind trees come first, and their samples stay: the crashes of `idm-mobil-blind` are those of no other AV.
 
     By the shipped network alone 60,000 trees gave 6.7e-6 for it, a fourth of what counting gives.
     """
@@ -44,17 +45,17 @@ def test_a_known_network_is_adjusted_by_trees_of_the_av_itself(monkeypatch: pyte
     begun_with: list[Any] = []
     learned_from: list[int] = []
 
-    def learn(school: Any, tables: list[Any], *, steps: int) -> float:
-        begun_with.append(school.network())
+    def learn(learner: Any, tables: list[Any], *, steps: int) -> float:
+        begun_with.append(learner.network())
         learned_from.append(len(tables))
         return 0.0 * steps
 
-    monkeypatch.setattr(teaching.School, "learn", learn)
+    monkeypatch.setattr(teaching.DangerLearner, "learn", learn)
     odd = Odd()
     model = reckless_drivers(load_model(default_model_path()))
     own, told = Noted(), []
     taught = teaching.teach(
-        setting_of(model, odd, av=av_named("idm-mobil")), n_slots(odd), seed=1, threads=1, grower=own,
+        setting_of(model, odd, av=av_named("idm-mobil")), n_slots(odd), seed=1, threads=1, driver=own,
         tell=lambda name, _: told.append(name),
     )  # fmt: skip
     assert own.first == [0, 30, 70]

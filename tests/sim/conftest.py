@@ -1,4 +1,4 @@
-"""The shipped model, one in which more happens, and one of drivers with habits."""
+"""A model of drivers with habits."""
 
 from __future__ import annotations
 
@@ -6,19 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_built import reckless_drivers
 
-from cornerforge.ndd.model import Memory, NddModel, default_model_path, load_model
-
-
-@pytest.fixture(scope="session")
-def model() -> NddModel:
-    return load_model(default_model_path())
-
-
-@pytest.fixture(scope="session")
-def reckless(model: NddModel) -> NddModel:
-    return reckless_drivers(model)
+from cornerforge.ndd.model import Memory, NddModel
 
 
 @pytest.fixture(scope="session")

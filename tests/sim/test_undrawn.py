@@ -13,7 +13,8 @@ from cornerforge.experiment.setting import experiment
 from cornerforge.ext.gym.batch import BvBatch
 from cornerforge.library.harvester import Harvester
 from cornerforge.ndd.model import NddModel
-from cornerforge.rates.trees import grow
+from cornerforge.rates.branching.danger import untaught
+from cornerforge.rates.branching.drive import drive_trees
 from cornerforge.sim import (
     N_OBSERVATION,
     TOLD,
@@ -29,7 +30,6 @@ from cornerforge.sim import (
     start_worlds,
     world_of,
 )
-from cornerforge.sim.danger import untaught
 from cornerforge.sim.world import RUNNING, UNDRAWN, n_slots
 from cornerforge.types import Odd
 
@@ -86,7 +86,7 @@ def _by_recording(setting: Setting) -> None:
 
 def _by_trees(setting: Setting) -> None:
     plan = Plan(1e-6, 1e-9, 0.1, 0.01, 1, 30.0, 2.0, untaught(1e-6))
-    grow(setting, SLOTS, plan, seed=3, first=7, tests=2, threads=1)
+    drive_trees(setting, SLOTS, plan, seed=3, first=7, tests=2, threads=1)
 
 
 @pytest.mark.parametrize("drive", [_by_simulate, _by_harvest, _by_recording, _by_trees])

@@ -1,9 +1,9 @@
 """`rate --method splitting` and `--method is`: a natural crash rate from weighted tests, kept block by block.
 
-First a network is taught what is dangerous for this AV (`rates.teaching`), then trees of tests grow by it until the
-interval is narrow enough (`rates.trees`), or tests are drawn from proposals by it; a test that is drawn so is a tree of
-one branch, and all here is the same for both. The output folder holds `taught.npz` and `trees/`, one file for each
-block of trees; at the end `weighted/` is made (anew, if it is there), a library of crashes picked by their weights:
+First a network is taught what is dangerous for this AV (`rates.teaching`), then tests branch into trees by it until
+the interval is narrow enough (`rates.branching`), or tests are drawn from proposals by it; a test that is drawn so is a
+tree of one branch, and all here is the same for both. The output folder holds `taught.npz` and `trees/`, one file for
+each block of trees; at the end `weighted/` is made (anew, if it is there), a library of crashes picked by weight:
 nearly a sample of what happens.
 """
 
@@ -26,14 +26,16 @@ from cornerforge.execution.progress import Progress
 from cornerforge.experiment.output import code_hash, remove_folder, version
 from cornerforge.experiment.setting import Experiment
 from cornerforge.foreign.recorder import ForeignRecorder
-from cornerforge.foreign.trees import ForeignGrower
 from cornerforge.intervals import poisson_interval, weighted_interval
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.library.filling import MODEL_FILE
 from cornerforge.library.schema import SCRIPTED
 from cornerforge.ndd.model import save_model
+from cornerforge.rates.branching import danger
+from cornerforge.rates.branching.drive import BUILT_IN_TREES, TreeDriver, drive_trees
+from cornerforge.rates.branching.foreign import ForeignTrees
+from cornerforge.rates.branching.population import Plan, tree_of
 from cornerforge.rates.monte_carlo import MonteCarlo
-from cornerforge.rates.trees import BUILT_IN_GROWER, Grower, grow
 from cornerforge.rates.weighted import (
     LEAST_EFFECTIVE,
     LEAST_TREES,
@@ -44,7 +46,7 @@ from cornerforge.rates.weighted import (
     weighted_rate,
 )
 from cornerforge.results.driving import Cost, KindRate
-from cornerforge.sim import Plan, Script, danger, tree_of
+from cornerforge.sim import Script
 
 __all__ = ["ALL_CRASHES", "TREES", "PickedCrash", "Splitting", "kind_rates", "pick"]
 
@@ -58,13 +60,13 @@ _SHARD_CASES = 500
 _TESTS_AT_ONCE = 256
 _BLOCK_FIELDS = {
     "weight": ("float64", 1), "crashes": ("int64", 0), "lost": ("int64", 0), "cpu_seconds": ("float64", 0),
-    "seconds": ("float64", 0), "root": ("int64", 1), "begun": ("int64", 1), "actions": ("int8", 3),
+    "seconds": ("float64", 0), "test": ("int64", 1), "begun": ("int64", 1), "actions": ("int8", 3),
     "answers": ("float64", 3), "asked": ("int64", 0), "strayed": ("int64", 0),
 }  # fmt: skip
 """Type and number of axes of each array of a block."""
 _MOST_WEIGHT = 1e9
 """A tree's weight has the mean of a chance; far from it, but not as far as this, roulette may take it."""
-_OF_CRASHES = ("root", "begun", "actions", "answers")
+_OF_CRASHES = ("test", "begun", "actions", "answers")
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,7 @@ class PickedCrash:
 
 
 class Splitting:
-    """A rate by trees of tests: it teaches, grows blocks, and keeps them, so that only the block in progress is lost.
+    """A rate by trees of tests, driven and kept block by block: only the block in progress can be lost.
 
     Args:
         run: Natural traffic.
@@ -97,21 +99,21 @@ class Splitting:
         self._run, self._seed, self._out = run, seed, out
         self.tilted = tilted
         self._unit = "tests" if tilted else "trees"
-        self._teacher = self._grower = _grower(run)
+        self._teacher = self._driver = _driver(run)
         if tilted:
-            self._grower = _grower(run, places=_TESTS_AT_ONCE)
+            self._driver = _driver(run, places=_TESTS_AT_ONCE)
         self._threads, self._progress = threads, progress
         self._blocks: list[dict[str, Any]] = []
         self._judged: WeightedRate | None = None
         self._unseen = 0.0
         self._plan: Plan
-        self._growing: Plan
+        self._splitting_plan: Plan
         self.taught = Cost(tests=0, cpu_seconds=0.0)
         """What teaching took."""
         self._level = 0.0
         self._teaching_seconds = 0.0
 
-    # Teaching and growing
+    # Teaching and driving
 
     def start(self) -> None:
         """Teach a network, or take up what the folder holds."""
@@ -119,8 +121,8 @@ class Splitting:
 
         place = None if self._out is None else self._out / "taught.npz"
         network = self._read_taught(place) if place is not None and place.exists() else self._teach(place)
-        self._growing = plan_of(network, self._level)
-        self._plan = tilted_plan_of(network, self._level) if self.tilted else self._growing
+        self._splitting_plan = plan_of(network, self._level)
+        self._plan = tilted_plan_of(network, self._level) if self.tilted else self._splitting_plan
         if self._out is not None:
             self._blocks = list(_read_blocks(self._out / "trees"))
 
@@ -140,8 +142,8 @@ class Splitting:
             self._run.slots,
             seed=_independent(self._seed, _TEACH),
             threads=self._threads,
-            grower=self._teacher,
-            tell=lambda _, grown: rounds.append(grown.roots["weight"]),
+            driver=self._teacher,
+            tell=lambda _, driven: rounds.append(driven.trees["weight"]),
             progress=tell,
         )
         self.taught = Cost(tests=taught.tests, cpu_seconds=taught.cpu_seconds)
@@ -166,7 +168,7 @@ class Splitting:
         return network
 
     def drive(self, target: float, most: int) -> str:
-        """Grow trees until the rate is exact enough and not in doubt ("target"), or there are `most` ("max_tests")."""
+        """Drive trees until the rate is exact enough and not in doubt ("target"), or there are `most` ("max_tests")."""
         while self.trees < most:
             if self.trees and self.is_enough(target):
                 return "target"
@@ -179,7 +181,7 @@ class Splitting:
 
     def _block(self, tests: int, target: float, most: int) -> dict[str, Any]:
         begun = time.perf_counter()
-        grown = grow(
+        driven = drive_trees(
             self._run.setting,
             self._run.slots,
             self._plan,
@@ -187,23 +189,23 @@ class Splitting:
             first=self.trees,
             tests=tests,
             threads=self._threads,
-            grower=self._grower,
+            driver=self._driver,
             progress=lambda done: self._tell(target, most, done),
         )
         rng = np.random.default_rng([_independent(self._seed, _PICK), self.trees])
-        one = _one_a_root(grown.crashes, rng)
+        one = _one_a_tree(driven.crashes, rng)
         return {
-            "weight": grown.roots["weight"].copy(),
-            "crashes": grown.roots["crashes"].sum(),
-            "lost": grown.roots["lost"].sum(),
-            "cpu_seconds": grown.cpu_seconds,
+            "weight": driven.trees["weight"].copy(),
+            "crashes": driven.trees["crashes"].sum(),
+            "lost": driven.trees["lost"].sum(),
+            "cpu_seconds": driven.cpu_seconds,
             "seconds": time.perf_counter() - begun,
-            "root": grown.crashes["root"][one],
-            "begun": grown.crashes["begun"][one],
-            "actions": grown.actions[one],
-            "answers": grown.answers[one],
-            "asked": grown.asked,
-            "strayed": grown.strayed,
+            "test": driven.crashes["test"][one],
+            "begun": driven.crashes["begun"][one],
+            "actions": driven.actions[one],
+            "answers": driven.answers[one],
+            "asked": driven.asked,
+            "strayed": driven.strayed,
         }
 
     @property
@@ -224,7 +226,7 @@ class Splitting:
             doubted = ", in doubt" if found.doubts else ""
             text = f" ({found.rate:.2g} +- {100.0 * min(self.half_width, 9.99):.0f} %{doubted})"
         self._progress(
-            f"{'drive weighted tests' if self.tilted else 'grow trees'}{text}",
+            f"{'drive weighted tests' if self.tilted else 'drive trees'}{text}",
             self.trees + done,
             max(total, self.trees + done),
         )
@@ -232,9 +234,9 @@ class Splitting:
     # What it comes to
 
     @property
-    def growing(self) -> tuple[Plan, Grower]:
-        """How trees grow by what was taught, once it has started."""
-        return self._growing, self._teacher
+    def branching(self) -> tuple[Plan, TreeDriver]:
+        """How tests branch by what was taught, and what drives them; known once it has started."""
+        return self._splitting_plan, self._teacher
 
     @property
     def trees(self) -> int:
@@ -302,17 +304,17 @@ class Splitting:
 
     @property
     def asked(self) -> int:
-        """How often an AV from outside was asked while trees grew; 0 for one of the kernels."""
+        """How often an AV from outside was asked while trees were driven; 0 for one of the kernels."""
         return sum(int(block["asked"]) for block in self._blocks)
 
     @property
     def cost(self) -> Cost:
-        """What growing took, without teaching."""
+        """What driving took, without teaching."""
         return Cost(tests=self.trees, cpu_seconds=float(sum(float(block["cpu_seconds"]) for block in self._blocks)))
 
     @property
     def seconds(self) -> float:
-        """Wall-clock of teaching and growing [s]."""
+        """Wall-clock of teaching and driving [s]."""
         return self._teaching_seconds + sum(float(block["seconds"]) for block in self._blocks)
 
     @property
@@ -326,21 +328,21 @@ class Splitting:
         """Pick crashes by weight, one a tree at most; drive them again, and store them if there is a folder."""
         weights = self.weights
         rng = np.random.default_rng(_independent(self._seed, _PICK))
-        roots, stands_for = pick(weights, min(_MOST_CASES, max(1, round(self.rate.effective))), rng)
+        trees, stands_for = pick(weights, min(_MOST_CASES, max(1, round(self.rate.effective))), rng)
         kept = {
             tree_of(test, self._plan): (block, k, test)
             for block in self._blocks
-            for k, test in enumerate(block["root"].tolist())
+            for k, test in enumerate(block["test"].tolist())
         }
         driver, recorder = self._run.script_driver(), self._run.recorder()
-        seen = [root in kept for root in roots.tolist()]  # of others the crashes found no room
+        seen = [tree in kept for tree in trees.tolist()]  # of others the crashes found no room
         self._unseen = 1.0 - float(stands_for[seen].sum() / stands_for.sum())
-        roots, stands_for = roots[seen], stands_for[seen] * (weights.sum() / stands_for[seen].sum())
+        trees, stands_for = trees[seen], stands_for[seen] * (weights.sum() / stands_for[seen].sum())
         picked: list[PickedCrash] = []
         records: list[CaseRecord] = []
-        for done, (root, weight) in enumerate(zip(roots.tolist(), stands_for.tolist(), strict=True)):
-            self._progress("record crashes", done, roots.size)
-            block, k, test = kept[root]
+        for done, (tree, weight) in enumerate(zip(trees.tolist(), stands_for.tolist(), strict=True)):
+            self._progress("record crashes", done, trees.size)
+            block, k, test = kept[tree]
             start = driver.start_of_test(self._tree_seed, test)
             actions = block["actions"][k, : block["begun"][k], : start.size]
             script = Script(np.arange(start.size, dtype=np.int16), start, actions, self._tree_seed, test)
@@ -360,7 +362,7 @@ class Splitting:
                 "weight": weight / weights.size,
             }
             records.append(case_record(scenario, extra=extra, start=script.start))
-        self._progress("record crashes", roots.size, roots.size)
+        self._progress("record crashes", trees.size, trees.size)
         if self._out is not None:
             self._store(self._out / "weighted", records)
         return picked
@@ -422,16 +424,16 @@ def kind_rates(picked: Sequence[PickedCrash], of: str, found: WeightedRate) -> d
     return rates
 
 
-def _grower(run: Experiment, **places: int) -> Grower:
-    """Take what grows trees of the run's AV."""
-    return BUILT_IN_GROWER if run.foreign is None else ForeignGrower(run.foreign, **places)
+def _driver(run: Experiment, **places: int) -> TreeDriver:
+    """Take what drives trees of the run's AV."""
+    return BUILT_IN_TREES if run.foreign is None else ForeignTrees(run.foreign, **places)
 
 
-def _one_a_root(crashes: NDArray[np.void], rng: np.random.Generator) -> NDArray[np.intp]:
+def _one_a_tree(crashes: NDArray[np.void], rng: np.random.Generator) -> NDArray[np.intp]:
     """Pick one crash of each tree, by weight."""
     first_to_ring = rng.exponential(size=crashes.size) / crashes["weight"]
-    in_order = np.lexsort((first_to_ring, crashes["root"]))
-    return in_order[np.unique(crashes["root"][in_order], return_index=True)[1]]
+    in_order = np.lexsort((first_to_ring, crashes["test"]))
+    return in_order[np.unique(crashes["test"][in_order], return_index=True)[1]]
 
 
 def _independent(seed: int, use: int) -> int:

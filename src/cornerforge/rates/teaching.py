@@ -2,8 +2,8 @@
 
 What is dangerous is nearly the same for all AVs. So it was taught at length, once, with the built-in AVs (`make
 danger`), and lies beside this file; here it is adjusted to the AV at hand: in tests in which acts near the AV are
-followed by chance, for dangers that no other AV has, and then in trees that grow by what is known so far, where the
-danger is. What the network says decides how fast a rate is found, never which (`sim.trees`).
+followed by chance, for dangers that no other AV has, and then in trees that branch by what is known so far, where the
+danger is. What the network says decides how fast a rate is found, never which (`rates.branching`).
 """
 
 from __future__ import annotations
@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 
 from cornerforge._checksums import read_arrays
 from cornerforge.errors import MissingExtraError
-from cornerforge.rates.trees import BUILT_IN_GROWER, Grower, Grown, LessonTable, grow
-from cornerforge.sim import BUILT_IN, Plan, Setting, Tilt, danger
+from cornerforge.rates.branching import danger
+from cornerforge.rates.branching.drive import BUILT_IN_TREES, DrivenTrees, TrainingTable, TreeDriver, drive_trees
+from cornerforge.rates.branching.population import Plan, Tilt
+from cornerforge.sim import BUILT_IN, Setting
 
 try:
     import torch
@@ -29,7 +31,7 @@ except ImportError as error:
 
 __all__ = [
     "TEACHING_TREES",
-    "School",
+    "DangerLearner",
     "Taught",
     "blind_plan",
     "level_of",
@@ -45,7 +47,7 @@ Floats = NDArray[np.float64]
 _EXPLORING = 16_000
 _ROUNDS = (32_000, 64_000)
 TEACHING_TREES = _EXPLORING + sum(_ROUNDS)
-"""So many trees are grown to teach a network."""
+"""So many trees are driven to teach a network."""
 _SHIPPED = Path(__file__).with_name("danger.npz")
 _LEVEL = 3.0
 _EXPLORE, _EXPLORE_LATER = 0.1, 0.05
@@ -62,7 +64,7 @@ _LEAST_LEVEL = 1e-15
 _BATCH, _FASTEST, _POWER = 2048, 3e-3, 0.8
 _LOG_LIMITS = (-30.0, 0.0)
 _MOST_FOLLOWED = 2.0
-_LESSONS_OF_ONE_ROOT = 800.0
+_SAMPLES_OF_ONE_TREE = 800.0
 _DULL = 0.3
 
 
@@ -73,8 +75,8 @@ class Taught:
     Attributes:
         network: The danger.
         level: Mean danger at the start of a test; about the crash rate, if the network is right.
-        tests: Trees grown.
-        cpu_seconds: Of growing and learning.
+        tests: Trees driven.
+        cpu_seconds: Of driving and learning.
     """
 
     network: danger.Network
@@ -84,7 +86,7 @@ class Taught:
 
 
 def plan_of(network: danger.Network, level: float, explore: float = _EXPLORE_LATER) -> Plan:
-    """Make the plan by which trees grow with a network; `level`: what weight times danger should be."""
+    """Make the plan by which trees branch with a network; `level`: what weight times danger should be."""
     return Plan(level, _FLOOR * level, _LEAST_RISE, explore, 1, _FORGET, _LOOK_AHEAD_S, network)
 
 
@@ -106,8 +108,10 @@ def tilted_plan_of(network: danger.Network, level: float) -> Plan:
 def level_of(network: danger.Network, setting: Setting, slots: int, seed: int, threads: int) -> tuple[float, float]:
     """Estimate the mean danger at the start of a test; returns it and the CPU seconds it took."""
     nothing = plan_of(network, 1e30)._replace(floor=0.0)  # no tree is driven, so an AV from outside is not asked
-    pilot = grow(setting.with_drivers(av=BUILT_IN), slots, nothing, seed=seed, first=0, tests=_PILOT, threads=threads)
-    return max(_LEAST_LEVEL, float(pilot.roots["danger"].mean())), pilot.cpu_seconds
+    pilot = drive_trees(
+        setting.with_drivers(av=BUILT_IN), slots, nothing, seed=seed, first=0, tests=_PILOT, threads=threads
+    )
+    return max(_LEAST_LEVEL, float(pilot.trees["danger"].mean())), pilot.cpu_seconds
 
 
 def shipped_network() -> danger.Network:
@@ -126,8 +130,8 @@ def teach(
     *,
     seed: int,
     threads: int,
-    grower: Grower = BUILT_IN_GROWER,
-    tell: Callable[[str, Grown], None] | None = None,
+    driver: TreeDriver = BUILT_IN_TREES,
+    tell: Callable[[str, DrivenTrees], None] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Taught:
     """Adjust the network to an AV and its world, in about 100 s of CPU time.
@@ -136,26 +140,26 @@ def teach(
         setting, slots: The run, natural.
         seed: Of the trees, and of what is learned in which order.
         threads: Pool size; does not change the result.
-        grower: As of `grow`.
+        driver: As of `drive_trees`.
         tell: Told name and trees of each round.
-        progress: Told how many of `TEACHING_TREES` are grown.
+        progress: Told how many of `TEACHING_TREES` are driven.
     """
-    tables: list[LessonTable] = []
+    tables: list[TrainingTable] = []
     begun, cpu = 0, 0.0
-    school = School(seed, shipped_network())
+    learner = DangerLearner(seed, shipped_network())
     plan, name = blind_plan(), "explore"
     for tests in (_EXPLORING, *_ROUNDS):
-        grown = grow(
-            setting, slots, plan, seed=seed, first=begun, tests=tests, threads=threads, learning=True, grower=grower,
+        driven = drive_trees(
+            setting, slots, plan, seed=seed, first=begun, tests=tests, threads=threads, learning=True, driver=driver,
             progress=None if progress is None else partial(_told_from, progress, begun),
         )  # fmt: skip
         if tell is not None:
-            tell(name, grown)
-        assert grown.lessons is not None
-        tables.append(grown.lessons)
+            tell(name, driven)
+        assert driven.training is not None
+        tables.append(driven.training)
         begun += tests
-        cpu += grown.cpu_seconds + school.learn(tables, steps=_STEPS)
-        network = school.network()
+        cpu += driven.cpu_seconds + learner.learn(tables, steps=_STEPS)
+        network = learner.network()
         level, spent = level_of(network, setting, slots, seed, threads)
         cpu += spent
         plan, name = wide_plan_of(network, level), f"level {level:.2g}"
@@ -163,11 +167,11 @@ def teach(
 
 
 def _told_from(progress: Callable[[int], None], begun: int, done: int) -> None:
-    """Tell how many trees are grown in all rounds, from how many are in this one."""
+    """Tell how many trees are driven in all rounds, from how many are in this one."""
     progress(begun + done)
 
 
-class School:
+class DangerLearner:
     """A network that learns.
 
     Args:
@@ -208,8 +212,8 @@ class School:
             row = np.concatenate([last.weight.numpy()[0], biases[2]]).astype(np.float32)
         return danger.Network(matrices[0], biases[0], matrices[1], biases[1], row)
 
-    def learn(self, tables: list[LessonTable], *, steps: int) -> float:
-        """Learn from lessons in so many steps; returns CPU seconds."""
+    def learn(self, tables: list[TrainingTable], *, steps: int) -> float:
+        """Learn from samples in so many steps; returns CPU seconds."""
         begun = time.process_time()
         threads = torch.get_num_threads()
         torch.set_num_threads(1)
@@ -226,13 +230,13 @@ class School:
             logs = [self._net(torch.from_numpy(part))[:, 0].clamp(*_LOG_LIMITS) for part in parts]
             return torch.exp(torch.cat(logs)).numpy().astype(np.float64)
 
-    def _picked(self, table: LessonTable) -> tuple[NDArray[np.float32], Floats, Floats]:
-        """Pick lessons, mostly dangerous ones; returns what was seen, what followed, and the weight of each."""
+    def _picked(self, table: TrainingTable) -> tuple[NDArray[np.float32], Floats, Floats]:
+        """Pick samples, mostly dangerous ones; returns what was seen, what followed, and the weight of each."""
         followed = np.minimum(table.followed, _MOST_FOLLOWED)
         score = np.sqrt(np.maximum(followed, self._danger(table.seen))) + 1e-4
         chance = np.minimum(1.0, score / np.quantile(score, 0.99) + _DULL)
-        _, family = np.unique(table.root, return_inverse=True)
-        share = np.minimum(1.0, _LESSONS_OF_ONE_ROOT / np.bincount(family, weights=chance))[family]
+        _, family = np.unique(table.test, return_inverse=True)
+        share = np.minimum(1.0, _SAMPLES_OF_ONE_TREE / np.bincount(family, weights=chance))[family]
         picked = self._rng.random(followed.size) < chance * share
         return table.seen[picked], followed[picked], (table.weight / chance)[picked]
 

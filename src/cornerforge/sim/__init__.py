@@ -46,15 +46,15 @@ from typing import TYPE_CHECKING
 from cornerforge._doors import door
 
 if TYPE_CHECKING:
-    from cornerforge.sim import agents, danger, drive_bv_outside, grove, lessons, lockstep, statistics, tracking, trees
+    from cornerforge.sim import agents, drive_bv_outside, lockstep, statistics, steering, tracking
     from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND, hold, ordered_lane, start_lane_change
     from cornerforge.sim.av_features import AV_FEATURES_VERSION, N_AV_FEATURES
     from cornerforge.sim.av_kinds import DECIDES_EVERY, built_in_av_decides
-    from cornerforge.sim.av_scene import SCENE_COLUMNS
+    from cornerforge.sim.av_scene import SCENE_COLUMNS, show_to_av
     from cornerforge.sim.av_view import AV_VIEW_VERSION, VIEW_COLUMNS, VIEW_ROWS
     from cornerforge.sim.bicycle import MOST_LATERAL_ACCELERATION
     from cornerforge.sim.braking import lateral_plan, manoeuvre_begin
-    from cornerforge.sim.chances import action_probabilities, allocate_starter_scratch
+    from cornerforge.sim.chances import action_probabilities, allocate_starter_scratch, lane_wishes, return_chance
     from cornerforge.sim.crash_cases import CrashCases, Verdict, recordings_of_harvest
     from cornerforge.sim.drive import drive_range
     from cornerforge.sim.drive_av import (
@@ -75,7 +75,6 @@ if TYPE_CHECKING:
         collect,
         start_worlds,
     )
-    from cornerforge.sim.forest import ROOT, Forest, Plan, Tilt, allocate_leaves, allocate_nursery, tree_of
     from cornerforge.sim.harvest import LIMITS, Buffers, Harvest, allocate_harvest, harvest_range, is_full
     from cornerforge.sim.judge import judge_crashes
     from cornerforge.sim.keep import (
@@ -99,7 +98,7 @@ if TYPE_CHECKING:
         answer_as_bv,
     )
     from cornerforge.sim.motion import move_vehicle
-    from cornerforge.sim.neighbours import SIGHT
+    from cornerforge.sim.neighbours import SIGHT, sort_by_x
     from cornerforge.sim.observe import N_OBSERVATION, N_OWN, OBSERVATION_VERSION, budget_units
     from cornerforge.sim.rails import NO_RAILS, Rails, rails_of
     from cornerforge.sim.recorder import Recorder, case_of, scenario_digest
@@ -162,6 +161,7 @@ if TYPE_CHECKING:
         AV_FAULT,
         BV_CRASH,
         COMPLETED,
+        MAX_BRANCH,
         RUNNING,
         TIME_UP,
         World,
@@ -171,30 +171,31 @@ if TYPE_CHECKING:
         n_slots,
         path_of,
         world_of,
+        world_row,
     )
 
 __all__ = [
-    "ADVERSARIES", "AV_CRASH", "AV_DECISIONS", "AV_FAULT", "AV_FEATURES_VERSION", "AV_MUST_ANSWER", "AV_VIEW_VERSION",
-    "BUILT_IN", "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDES_EVERY", "DRIVER", "FINISHED", "HIGHEST_COMMAND",
-    "HOSTILE", "IDM_BVS", "LEARNED_WIDTH", "LIMITS", "LOWEST_COMMAND", "MILESTONE", "MOST_LATERAL_ACCELERATION",
-    "NATURAL", "NATURALISTIC", "NEVER", "NOBODY", "NO_CAST", "NO_RAILS", "N_AV_FEATURES", "N_OBSERVATION", "N_OWN",
-    "OBSERVATION_VERSION", "OUTSIDE", "OVER", "POLICY", "RAILS", "RECORDED", "REWARDS", "ROOT", "RUNNING",
-    "SCENE_COLUMNS", "SCRIPTED", "SIGHT", "START_FIELDS", "STEERED", "SUBSTEPS", "TIME_UP", "TOLD", "TRAITS",
-    "VIEW_COLUMNS", "VIEW_ROWS", "Actors", "Asked", "AvReward", "Buffers", "Controllers", "CrashCases", "DriveChunk",
-    "Ending", "Exploring", "Forest", "Harvest", "Keep", "Outcomes", "Plan", "Rails", "Recorder", "Reward",
-    "RewardNumbers", "Scratch", "Script", "ScriptDriver", "Setting", "Tally", "Tilt", "Transitions", "Verdict",
-    "World", "action_probabilities", "advance", "agents", "all_current", "allocate_actors", "allocate_av_actors",
-    "allocate_decisions", "allocate_harvest", "allocate_history", "allocate_leaves", "allocate_nursery",
-    "allocate_outcomes", "allocate_recording", "allocate_scratch", "allocate_starter_scratch", "allocate_windows",
-    "allocate_worlds", "answer_as_av", "answer_as_bv", "answer_width", "arrays_of", "average_traits", "branch_of",
-    "budget_units", "built_in_av_decides", "case_of", "cast_of", "collect", "collect_av", "copy_of",
-    "crashed_tests", "danger", "drive_bv_outside", "drive_chunk", "drive_chunk_by_window", "drive_range",
-    "driver_of_reward", "grove", "harvest_range", "hold", "is_full", "is_outside", "judge_crashes", "keep_nothing",
-    "keep_whole_test", "lateral_plan", "lessons", "lockstep", "manoeuvre_begin", "move_vehicle", "n_slots",
-    "naming_tests", "ordered_lane", "packed", "path_of", "rails_of", "recordings_of_harvest", "reset_world",
-    "reward_named", "reward_numbers", "scenario_digest", "scripted_start", "simulate", "simulate_chunks",
-    "start_av_worlds", "start_lane_change", "start_worlds", "statistics", "tracking", "tree_of", "trees", "unpacked",
-    "warm_up", "warn_of_left_out", "world_of", "write_outcome",
+    "ADVERSARIES", "AV_CRASH", "AV_DECISIONS", "AV_FAULT", "AV_FEATURES_VERSION", "AV_MUST_ANSWER",
+    "AV_VIEW_VERSION", "BUILT_IN", "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDES_EVERY", "DRIVER", "FINISHED",
+    "HIGHEST_COMMAND", "HOSTILE", "IDM_BVS", "LEARNED_WIDTH", "LIMITS", "LOWEST_COMMAND", "MAX_BRANCH", "MILESTONE",
+    "MOST_LATERAL_ACCELERATION", "NATURAL", "NATURALISTIC", "NEVER", "NOBODY", "NO_CAST", "NO_RAILS",
+    "N_AV_FEATURES", "N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "OUTSIDE", "OVER", "POLICY", "RAILS",
+    "RECORDED", "REWARDS", "RUNNING", "SCENE_COLUMNS", "SCRIPTED", "SIGHT", "START_FIELDS", "STEERED", "SUBSTEPS",
+    "TIME_UP", "TOLD", "TRAITS", "VIEW_COLUMNS", "VIEW_ROWS", "Actors", "Asked", "AvReward", "Buffers",
+    "Controllers", "CrashCases", "DriveChunk", "Ending", "Exploring", "Harvest", "Keep", "Outcomes", "Rails",
+    "Recorder", "Reward", "RewardNumbers", "Scratch", "Script", "ScriptDriver", "Setting", "Tally", "Transitions",
+    "Verdict", "World", "action_probabilities", "advance", "agents", "all_current", "allocate_actors",
+    "allocate_av_actors", "allocate_decisions", "allocate_harvest", "allocate_history", "allocate_outcomes",
+    "allocate_recording", "allocate_scratch", "allocate_starter_scratch", "allocate_windows", "allocate_worlds",
+    "answer_as_av", "answer_as_bv", "answer_width", "arrays_of", "average_traits", "branch_of", "budget_units",
+    "built_in_av_decides", "case_of", "cast_of", "collect", "collect_av", "copy_of", "crashed_tests",
+    "drive_bv_outside", "drive_chunk", "drive_chunk_by_window", "drive_range", "driver_of_reward", "harvest_range",
+    "hold", "is_full", "is_outside", "judge_crashes", "keep_nothing", "keep_whole_test", "lane_wishes",
+    "lateral_plan", "lockstep", "manoeuvre_begin", "move_vehicle", "n_slots", "naming_tests", "ordered_lane",
+    "packed", "path_of", "rails_of", "recordings_of_harvest", "reset_world", "return_chance", "reward_named",
+    "reward_numbers", "scenario_digest", "scripted_start", "show_to_av", "simulate", "simulate_chunks", "sort_by_x",
+    "start_av_worlds", "start_lane_change", "start_worlds", "statistics", "steering", "tracking", "unpacked",
+    "warm_up", "warn_of_left_out", "world_of", "world_row", "write_outcome",
 ]  # fmt: skip
 
 FOR_PROGRAMS = (
@@ -207,7 +208,7 @@ FOR_PROGRAMS = (
 
 _PLACES: dict[str, tuple[str, ...]] = {
     # state
-    "world": (
+    "world": ("MAX_BRANCH", "world_row",
         "World", "allocate_worlds", "world_of", "n_slots", "arrays_of", "all_current", "path_of", "RUNNING",
         "COMPLETED", "TIME_UP", "AV_CRASH", "BV_CRASH", "AV_FAULT",
     ),
@@ -249,12 +250,12 @@ _PLACES: dict[str, tuple[str, ...]] = {
     # views
     "observe": ("N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "budget_units"),
     "av_view": ("AV_VIEW_VERSION", "VIEW_ROWS", "VIEW_COLUMNS"),
-    "av_scene": ("SCENE_COLUMNS",),
+    "av_scene": ("show_to_av", "SCENE_COLUMNS",),
     "av_features": ("AV_FEATURES_VERSION", "N_AV_FEATURES"),
-    "neighbours": ("SIGHT",),
+    "neighbours": ("sort_by_x", "SIGHT",),
     # parts
     "actions": ("LOWEST_COMMAND", "HIGHEST_COMMAND", "hold", "start_lane_change", "ordered_lane"),
-    "chances": ("action_probabilities", "allocate_starter_scratch"),
+    "chances": ("return_chance", "lane_wishes", "action_probabilities", "allocate_starter_scratch"),
     "braking": ("manoeuvre_begin", "lateral_plan"),
     # training
     "rewards": (
@@ -267,9 +268,8 @@ _PLACES: dict[str, tuple[str, ...]] = {
     ),
     "drive_av": ("AV_DECISIONS", "HOSTILE", "AvReward", "allocate_av_actors", "collect_av", "start_av_worlds"),
     # trees
-    "forest": ("Plan", "Tilt", "Forest", "ROOT", "allocate_leaves", "allocate_nursery", "tree_of"),
     # modules
-    "": ("lockstep", "tracking", "drive_bv_outside", "agents", "statistics", "trees", "grove", "lessons", "danger"),
+    "": ("steering", "lockstep", "tracking", "drive_bv_outside", "agents", "statistics", ),
 }  # fmt: skip
 """By module, the names that it gives; modules that are given as a whole come last."""
 

@@ -57,9 +57,9 @@ def rate(
     """Measure the AV's natural crash rate in 400 m tests, without bias.
 
     Args:
-        method: "mc", plain Monte Carlo; "splitting", trees of tests (`sim.trees`), for rates below 1e-5; "is",
-            importance sampling (`sim.tilt`), which makes no copies of worlds; "auto" begins with plain tests and goes
-            on with trees if more of them would take longer.
+        method: "mc", plain Monte Carlo; "splitting", trees of tests (`rates.branching`), for rates below 1e-5; "is",
+            importance sampling (`rates.branching.tilt`), which makes no copies of worlds; "auto" begins with plain
+            tests and goes on with trees if more of them would take longer.
         target_rhw: Stop when half the 95 % interval is at most this share of the rate, 0.001 to 10. The interval is
             exact for "mc"; for the two others it holds however often one looks, and they stop only without doubts.
         max_tests: Largest number of tests; trees, those of teaching too, count as one each.
@@ -123,7 +123,7 @@ def rate(
     if model_draws:
         summary = extension("model draws").with_model_draws(
             summary, run, model_draws=model_draws, seed=seed, out=folder, threads=check_threads(threads),
-            progress=progress, by_trees=None if split is None else split.growing,
+            progress=progress, by_trees=None if split is None else split.branching,
         )  # fmt: skip
         if folder is not None:
             write_json(folder / "rate.json", as_json(summary))

@@ -26,6 +26,8 @@ from cornerforge.experiment.setting import Experiment
 from cornerforge.ext.calibrate.uncertainty import check_drawable, drawn_model, drawn_variations
 from cornerforge.fields import Field
 from cornerforge.ndd.model import NddModel, model_hash
+from cornerforge.rates.branching.drive import TreeDriver, drive_trees
+from cornerforge.rates.branching.population import Plan
 from cornerforge.rates.model_uncertainty import (
     FEWEST_DRAWS,
     effective_counts,
@@ -35,11 +37,10 @@ from cornerforge.rates.model_uncertainty import (
     traffic_weights,
 )
 from cornerforge.rates.monte_carlo import BLOCK, drive_block
-from cornerforge.rates.trees import Grower, grow
 from cornerforge.rates.weighted import weighted_rate
 from cornerforge.results import NaturalRate
 from cornerforge.results.driving import Cost, ModelUncertainty
-from cornerforge.sim import BUILT_IN, Plan
+from cornerforge.sim import BUILT_IN
 
 __all__ = ["DRAW_FIELDS", "check_model_draws", "with_model_draws"]
 
@@ -129,7 +130,7 @@ def with_model_draws(
     out: Path | None,
     threads: int,
     progress: Progress,
-    by_trees: tuple[Plan, Grower] | None,
+    by_trees: tuple[Plan, TreeDriver] | None,
 ) -> NaturalRate:
     """Add to a rate the interval with the model's own uncertainty; without a crash there is none.
 
@@ -141,7 +142,7 @@ def with_model_draws(
         out: The output folder, or None.
         threads: Pool size; does not change the result.
         progress: Told how far it is.
-        by_trees: How trees grow; None: tests are counted.
+        by_trees: How tests branch into trees; None: tests are counted.
 
     Raises:
         InputError: Not one of the drawn models crashed.
@@ -152,7 +153,7 @@ def with_model_draws(
     if by_trees is None:
         method, tests, drive = "mc", _tests_each(found), _counting(_tests_each(found), threads)
     else:
-        method, tests, drive = "splitting", _TREES_EACH, _growing(*by_trees, threads)
+        method, tests, drive = "splitting", _TREES_EACH, _weigh_trees(*by_trees, threads)
     draws: list[_Draw] = []
 
     def tell(done: int) -> None:
@@ -215,16 +216,16 @@ def _counting(tests: int, threads: int) -> _Drive:
     return drive
 
 
-def _growing(plan: Plan, grower: Grower, threads: int) -> _Drive:
+def _weigh_trees(plan: Plan, driver: TreeDriver, threads: int) -> _Drive:
     def drive(run: Experiment, seed: int, tell: Callable[[int], None]) -> dict[str, Any]:
-        grown = grow(
-            run.setting, run.slots, plan, seed=seed, first=0, tests=_TREES_EACH, threads=threads, grower=grower,
+        driven = drive_trees(
+            run.setting, run.slots, plan, seed=seed, first=0, tests=_TREES_EACH, threads=threads, driver=driver,
             progress=tell,
         )  # fmt: skip
-        rate = weighted_rate(grown.roots["weight"].copy())
+        rate = weighted_rate(driven.trees["weight"].copy())
         return {
-            "rate": rate.rate, "error": rate.error, "largest": rate.largest, "lost": int(grown.roots["lost"].sum()),
-            "cpu_seconds": round(grown.cpu_seconds, 3),
+            "rate": rate.rate, "error": rate.error, "largest": rate.largest, "lost": int(driven.trees["lost"].sum()),
+            "cpu_seconds": round(driven.cpu_seconds, 3),
         }  # fmt: skip
 
     return drive

@@ -10,10 +10,10 @@ from hand_built import setting_of
 
 from cornerforge.experiment.av_file import av_of
 from cornerforge.ndd.model import NddModel
-from cornerforge.rates.trees import Grown, grow
+from cornerforge.rates.branching.danger import N_SEEN, WIDTH, Network
+from cornerforge.rates.branching.drive import DrivenTrees, drive_trees
+from cornerforge.rates.branching.population import Plan, Tilt, tree_of
 from cornerforge.sim import Script, ScriptDriver, Setting, simulate
-from cornerforge.sim.danger import N_SEEN, WIDTH, Network
-from cornerforge.sim.forest import Plan, Tilt, tree_of
 from cornerforge.sim.world import n_slots
 from cornerforge.types import Odd
 
@@ -49,8 +49,8 @@ def setting(model: NddModel, av: str = "idm-mobil") -> Setting:
     return setting_of(model, ODD, av=av_of(av))
 
 
-def driven(run: Setting, plan: Plan, tests: int, *, first: int = 0, threads: int = 2) -> Grown:
-    return grow(run, SLOTS, plan, seed=4, first=first, tests=tests, threads=threads)
+def driven(run: Setting, plan: Plan, tests: int, *, first: int = 0, threads: int = 2) -> DrivenTrees:
+    return drive_trees(run, SLOTS, plan, seed=4, first=first, tests=tests, threads=threads)
 
 
 def off(weights: np.ndarray, mean: float, error: float = 0.0) -> float:
@@ -65,33 +65,33 @@ def test_no_network_and_no_proposal_changes_a_rate(careless: NddModel, av: str) 
     rate = plain.av_crashes / plain.tests
     error = np.sqrt(rate * (1.0 - rate) / plain.tests)
     for network, candidates in ((any_network(2), 1), (any_network(1), 3)):
-        roots = driven(run, plan_of(network, candidates), 20_000).roots
-        assert (roots["lost"] == 0).all()
-        assert off(roots["weight"], rate, error) < SIGMAS
-        assert off(roots["ended"], 1.0) < SIGMAS
-        assert roots["ended"].max() <= 1.0 / SHARES[0] * (1.0 + 1e-9), "nature is one of the proposals"
-    assert roots["ended"].std() > 0.3, "this network must tilt something, or the test shows nothing"
-    spread = roots["ended"].std() / np.sqrt(roots.size)
+        trees = driven(run, plan_of(network, candidates), 20_000).trees
+        assert (trees["lost"] == 0).all()
+        assert off(trees["weight"], rate, error) < SIGMAS
+        assert off(trees["ended"], 1.0) < SIGMAS
+        assert trees["ended"].max() <= 1.0 / SHARES[0] * (1.0 + 1e-9), "nature is one of the proposals"
+    assert trees["ended"].std() > 0.3, "this network must tilt something, or the test shows nothing"
+    spread = trees["ended"].std() / np.sqrt(trees.size)
     assert SIGMAS * spread < 0.05, "weights 5 % wrong would not be seen"
 
     # Without the weights the same tests crash far more, or less, often.
-    crashed = roots["crashes"].astype(np.float64)
+    crashed = trees["crashes"].astype(np.float64)
     assert off(crashed, rate, error) > SIGMAS
 
 
 def test_one_proposal_that_is_nature_weighs_nothing(careless: NddModel) -> None:
     plan = plan_of(any_network(1))._replace(tilt=Tilt(np.array([1.0]), np.array([0.0]), 3))
-    roots = driven(setting(careless), plan, 200).roots
-    assert roots["ended"] == pytest.approx(np.ones(200))
+    trees = driven(setting(careless), plan, 200).trees
+    assert trees["ended"] == pytest.approx(np.ones(200))
 
 
 def test_a_test_does_not_depend_on_threads_or_range(careless: NddModel) -> None:
     run, plan = setting(careless), plan_of(any_network(1))
     whole, alone = driven(run, plan, 900), driven(run, plan, 900, threads=1)
     later = driven(run, plan, 100, first=333)
-    for name in whole.roots.dtype.names or ():
-        assert np.array_equal(whole.roots[name], alone.roots[name])
-        assert np.array_equal(whole.roots[name][333:433], later.roots[name])
+    for name in whole.trees.dtype.names or ():
+        assert np.array_equal(whole.trees[name], alone.trees[name])
+        assert np.array_equal(whole.trees[name][333:433], later.trees[name])
     assert np.array_equal(whole.crashes, alone.crashes)
 
 
@@ -102,8 +102,8 @@ def test_a_crash_comes_again_from_its_start_and_actions(careless: NddModel) -> N
     assert found.crashes.size > 30
     moved = 0
     for crash, actions in zip(found.crashes, found.actions, strict=True):
-        test = int(crash["root"])
-        assert found.roots["weight"][tree_of(test, plan)] == crash["weight"]
+        test = int(crash["test"])
+        assert found.trees["weight"][tree_of(test, plan)] == crash["weight"]
         moved += test % plan.tilt.candidates > 0
         start = driver.start_of_test(4, test)
         script = Script(np.arange(start.size, dtype=np.int16), start, actions[: crash["begun"], : start.size])

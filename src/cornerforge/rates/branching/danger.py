@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.road.straight import RoadNumbers
-    from cornerforge.sim.world import World
+    from cornerforge.sim import World
 
 __all__ = [
     "N_SEEN",

@@ -11,10 +11,7 @@ from hand_built import setting_of
 from cornerforge._philox import PURPOSE_DECIDE, blocks
 from cornerforge.experiment.av_file import av_of
 from cornerforge.ndd.model import NddModel
-from cornerforge.rates.trees import Grown, grow
-from cornerforge.road.straight import road_numbers
-from cornerforge.sim import Script, ScriptDriver, simulate
-from cornerforge.sim.acts import (
+from cornerforge.rates.branching.acts import (
     BEGINS,
     GOES_ON,
     LOOKS_AWAY,
@@ -26,17 +23,20 @@ from cornerforge.sim.acts import (
     list_pairs,
     look_around,
 )
-from cornerforge.sim.danger import N_SEEN, WIDTH, Network, untaught
-from cornerforge.sim.forest import ROOT, Forest, Plan, allocate_leaves, allocate_nursery
+from cornerforge.rates.branching.danger import N_SEEN, WIDTH, Network, untaught
+from cornerforge.rates.branching.drive import DrivenTrees, drive_trees
+from cornerforge.rates.branching.population import TREE, Plan, Population, allocate_pool, allocate_terminal_states
+from cornerforge.rates.branching.splitting import drive_tree_range
+from cornerforge.rates.branching.training_data import add_what_followed, allocate_training_data
+from cornerforge.road.straight import road_numbers
+from cornerforge.sim import Script, ScriptDriver, simulate
 from cornerforge.sim.keep import keep_nothing
-from cornerforge.sim.lessons import add_what_followed, allocate_lessons
 from cornerforge.sim.loop import advance
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.snapshot import copy_of
 from cornerforge.sim.steering import LANE, hold_to, let_go
 from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.trees import grow_range
 from cornerforge.sim.world import MAX_BRANCH, RUNNING, World, allocate_worlds, moment_of, n_slots, world_of
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, Odd
 
@@ -87,8 +87,10 @@ def setting(model: NddModel, av: str = "idm-mobil") -> Setting:
     return setting_of(model, ODD, av=av_of(av))
 
 
-def trees(run: Setting, plan: Plan, tests: int, *, first: int = 0, threads: int = 2, learning: bool = False) -> Grown:
-    return grow(run, SLOTS, plan, seed=4, first=first, tests=tests, threads=threads, learning=learning)
+def trees(
+    run: Setting, plan: Plan, tests: int, *, first: int = 0, threads: int = 2, learning: bool = False
+) -> DrivenTrees:
+    return drive_trees(run, SLOTS, plan, seed=4, first=first, tests=tests, threads=threads, learning=learning)
 
 
 def fits(weights: np.ndarray, mean: float, error: float = 0.0) -> bool:
@@ -228,18 +230,18 @@ def test_a_network_that_knows_nothing_changes_no_rate(careless: NddModel, av: st
     error = np.sqrt(rate * (1.0 - rate) / plain.tests)
     for network in (untaught(1e-3), any_network(1)):
         found = trees(run, plan_of(network, 0.05), 2500)
-        assert found.roots["lost"].sum() == 0
+        assert found.trees["lost"].sum() == 0
         for what, mean, off in (("ended", 1.0, 0.0), ("weight", rate, error)):
-            weights = found.roots[what]
+            weights = found.trees[what]
             assert fits(weights, mean, off), (what, weights.mean(), standard_error(weights), mean)
-        assert SIGMAS * standard_error(found.roots["ended"]) < 0.25, "weights a quarter wrong would not be seen"
+        assert SIGMAS * standard_error(found.trees["ended"]) < 0.25, "weights a quarter wrong would not be seen"
 
 
 def test_without_windows_nothing_is_dropped(careless: NddModel) -> None:
     blind = Plan(1.0, 1e-9, -1.0, 0.01, 0, 30.0, 0.0, untaught(1e-9))
     found = trees(setting(careless), blind, 100)
-    assert fits(found.roots["ended"], 1.0)
-    assert (found.roots["seconds"] >= 10).mean() > 0.9
+    assert fits(found.trees["ended"], 1.0)
+    assert (found.trees["seconds"] >= 10).mean() > 0.9
 
 
 def test_trees_do_not_depend_on_threads_or_chunks(careless: NddModel) -> None:
@@ -247,10 +249,10 @@ def test_trees_do_not_depend_on_threads_or_chunks(careless: NddModel) -> None:
     whole = trees(run, plan, 600, threads=2, learning=True)
     alone = trees(run, plan, 600, threads=1)
     later = trees(run, plan, 100, first=333)
-    assert whole.roots["crashes"].sum() > 100
-    for name in whole.roots.dtype.names or ():
-        assert np.array_equal(whole.roots[name], alone.roots[name])
-        assert np.array_equal(whole.roots[name][333:433], later.roots[name])
+    assert whole.trees["crashes"].sum() > 100
+    for name in whole.trees.dtype.names or ():
+        assert np.array_equal(whole.trees[name], alone.trees[name])
+        assert np.array_equal(whole.trees[name][333:433], later.trees[name])
     assert np.array_equal(whole.crashes, alone.crashes)
     assert np.array_equal(whole.actions, alone.actions)
     for crash, actions in zip(alone.crashes, alone.actions, strict=True):
@@ -259,9 +261,9 @@ def test_trees_do_not_depend_on_threads_or_chunks(careless: NddModel) -> None:
 
 def test_weights_of_crashes_sum_up_to_those_of_their_trees(careless: NddModel) -> None:
     found = trees(setting(careless), plan_of(any_network(1), 0.05), 1000)
-    assert found.crashes.size == found.roots["crashes"].sum() > 20
-    sums = np.bincount(found.crashes["root"], weights=found.crashes["weight"], minlength=1000)
-    assert sums == pytest.approx(found.roots["weight"])
+    assert found.crashes.size == found.trees["crashes"].sum() > 20
+    sums = np.bincount(found.crashes["test"], weights=found.crashes["weight"], minlength=1000)
+    assert sums == pytest.approx(found.trees["weight"])
 
 
 def test_a_crash_of_a_tree_comes_again_from_its_actions(careless: NddModel) -> None:
@@ -269,44 +271,44 @@ def test_a_crash_of_a_tree_comes_again_from_its_actions(careless: NddModel) -> N
     found = trees(run, plan_of(any_network(1), 0.05), 800)
     driver = ScriptDriver(run, ODD)
     for crash, actions in list(zip(found.crashes, found.actions, strict=True))[:60]:
-        start = driver.start_of_test(4, int(crash["root"]))
+        start = driver.start_of_test(4, int(crash["test"]))
         script = Script(np.arange(start.size, dtype=np.int16), start, actions[: crash["begun"], : start.size])
         ending = driver.drive(script)
         assert (ending.partner, ending.frame) == (crash["partner"], round(crash["time"] / 0.1))
 
 
-def test_lessons_say_what_followed(careless: NddModel) -> None:
-    """What followed the first lesson about a BV, times its weight, is the weight of the crashes with it."""
+def test_samples_say_what_followed(careless: NddModel) -> None:
+    """What followed the first sample about a BV, times its weight, is the weight of the crashes with it."""
     run, slots, decisions = setting(careless), SLOTS, ODD_DECISIONS
-    log, leaves = allocate_lessons(20_000, 400_000), allocate_leaves(2000, slots, decisions)
-    nursery, roots, checked = allocate_nursery(400, slots, decisions), np.zeros(1, dtype=ROOT), 0
+    log, terminal = allocate_training_data(20_000, 400_000), allocate_terminal_states(2000, slots, decisions)
+    pool, trees, checked = allocate_pool(400, slots, decisions), np.zeros(1, dtype=TREE), 0
     plan, scratch = plan_of(any_network(1), 0.02), allocate_scratch(slots, run.who.policy)
     for test in range(300):
-        log.used[:], leaves.used[:] = 0, 0
-        grow_range(4, test, Forest(plan, run, scratch, keep_nothing(slots), nursery, leaves, log), roots)
-        lessons, moments = log.lessons[: log.used[1]], log.moments[: log.used[0]]
+        log.used[:], terminal.used[:] = 0, 0
+        drive_tree_range(4, test, Population(plan, run, scratch, keep_nothing(slots), pool, terminal, log), trees)
+        samples, moments = log.samples[: log.used[1]], log.moments[: log.used[0]]
         if not moments.size:
             continue
-        before = lessons["before"]
+        before = samples["before"]
         later = np.flatnonzero(before >= 0)
         assert (before[later] < later).all()
-        assert (lessons["slot"][later] == lessons["slot"][before[later]]).all()
-        assert (lessons["share"][later] > 0.0).all()
-        followed = np.empty(lessons.size)
+        assert (samples["slot"][later] == samples["slot"][before[later]]).all()
+        assert (samples["share"][later] > 0.0).all()
+        followed = np.empty(samples.size)
         add_what_followed(log, followed)
-        crashes = leaves.crashes[: leaves.used[0]]
+        crashes = terminal.crashes[: terminal.used[0]]
         for p in range(moments["n"][0]):
-            slot, total = lessons["slot"][p], 0.0
-            if (lessons["slot"][(before < 0)] == slot).sum() == 1:  # seen without a break from the start on
+            slot, total = samples["slot"][p], 0.0
+            if (samples["slot"][(before < 0)] == slot).sum() == 1:  # seen without a break from the start on
                 total = crashes["weight"][crashes["partner"] == slot].sum()
                 assert followed[p] * moments["weight"][0] == pytest.approx(total)
                 checked += total > 0.0
     assert checked > 5
 
 
-def test_kept_lessons_stand_for_all(careless: NddModel) -> None:
+def test_kept_samples_stand_for_all(careless: NddModel) -> None:
     found = trees(setting(careless), plan_of(any_network(1), 0.02), 400, learning=True)
-    table = found.lessons
+    table = found.training
     assert table is not None
     assert np.isfinite(table.seen).all()
     assert (table.weight >= 1.0).all()
@@ -318,5 +320,5 @@ def test_more_branches_than_random_words_are_told(careless: NddModel) -> None:
     assert MAX_BRANCH == 2**16 - 1
     greedy = Plan(1e-9, 1.0, -1.0, 1.0, 1, 30.0, 2.0, any_network(1))
     found = trees(setting(careless), greedy, 1)
-    assert (found.roots["lost"] > 0).all()
-    assert found.roots["seconds"] < 20 * MAX_BRANCH
+    assert (found.trees["lost"] > 0).all()
+    assert found.trees["seconds"] < 20 * MAX_BRANCH

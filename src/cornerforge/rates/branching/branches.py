@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.sim.acts import MOST_ACTS, Survey, chance_of, last_of
-from cornerforge.sim.steering import Steering, hold_to
+from cornerforge.rates.branching.acts import MOST_ACTS, Survey, chance_of, last_of
+from cornerforge.sim import steering
 
 __all__ = ["NO_ACT", "Branches", "allocate_branches", "hold_to_branch", "hold_to_no_act", "list_branches"]
 
@@ -92,35 +92,35 @@ def _is_paired(k: int, last: int, s: Survey) -> bool:
 
 
 @inlined_kernel
-def _hold_to_rest(last: int, steering: Steering, s: Survey) -> None:
+def _hold_to_rest(last: int, held: steering.Steering, s: Survey) -> None:
     """Let nothing of the group happen that ends with act `last`."""
     act = s.acts[last]
-    hold_to(steering, act.slot, act.word, act.rest_first, act.rest_count)
+    steering.hold_to(held, act.slot, act.word, act.rest_first, act.rest_count)
 
 
 @inlined_kernel
-def _hold_to_act(k: int, steering: Steering, s: Survey) -> None:
+def _hold_to_act(k: int, held: steering.Steering, s: Survey) -> None:
     """Let act k happen."""
     act = s.acts[k]
-    hold_to(steering, act.slot, act.word, act.first, act.count)
+    steering.hold_to(held, act.slot, act.word, act.first, act.count)
 
 
 @kernel
-def hold_to_branch(first: int, second: int, steering: Steering, survey: Survey) -> None:
+def hold_to_branch(first: int, second: int, held: steering.Steering, survey: Survey) -> None:
     """Hold BVs to a branch in which act `first` happens, and `second` if that is not NO_ACT."""
     own = last_of(first, survey)
     until = survey.n_acts[0] if second == NO_ACT else last_of(second, survey)
     for m in range(until):
         if survey.acts[m].is_last and m != own and (m < first or _is_paired(first, m, survey)):
-            _hold_to_rest(m, steering, survey)
-    _hold_to_act(first, steering, survey)
+            _hold_to_rest(m, held, survey)
+    _hold_to_act(first, held, survey)
     if second != NO_ACT:
-        _hold_to_act(second, steering, survey)
+        _hold_to_act(second, held, survey)
 
 
 @inlined_kernel
-def hold_to_no_act(steering: Steering, survey: Survey) -> None:
+def hold_to_no_act(held: steering.Steering, survey: Survey) -> None:
     """Hold BVs to the branch in which no listed act happens."""
     for k in range(survey.n_acts[0]):
         if survey.acts[k].is_last:
-            _hold_to_rest(k, steering, survey)
+            _hold_to_rest(k, held, survey)

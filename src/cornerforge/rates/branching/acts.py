@@ -1,11 +1,11 @@
 """What BVs near the AV may do in the coming second that would endanger it, how likely, and how dangerous that is.
 
 An *act* is a thing that happens or not: a BV begins to change lanes, turns back or goes on in a lane change, or its
-driver looks away. Its chance is that with which `decide_bvs` draws it, an exact count of random words (`steering`).
+driver looks away. Its chance is that with which `decide_bvs` draws it, an exact count of random words (`sim.steering`).
 Acts of one random word form a *group*, of which at most one happens; the other words are the group's rest. Groups are
 independent of each other.
 
-Nothing here changes how anybody drives. Trees of tests (`trees`) use it to find out where copies of a world are worth
+Nothing here changes how a vehicle drives. `splitting` and `tilt` use it to find out where copies of a world are worth
 driving.
 """
 
@@ -17,18 +17,25 @@ import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.ndd.memory import away_chance
+from cornerforge.rates.branching.danger import (
+    N_SEEN,
+    REACH,
+    WIDTH,
+    Ahead,
+    Intent,
+    add_ahead,
+    danger,
+    look_ahead,
+    look_at,
+)
 from cornerforge.road.straight import ahead_by, lane_of
-from cornerforge.sim.chances import lane_wishes, return_chance
-from cornerforge.sim.danger import N_SEEN, REACH, WIDTH, Ahead, Intent, add_ahead, danger, look_ahead, look_at
-from cornerforge.sim.neighbours import sort_by_x
-from cornerforge.sim.steering import ALL_WORDS, AWAY, LANE, words_below
+from cornerforge.sim import lane_wishes, return_chance, sort_by_x, steering
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cornerforge.sim.danger import Network
-    from cornerforge.sim.setting import Setting
-    from cornerforge.sim.world import World
+    from cornerforge.rates.branching.danger import Network
+    from cornerforge.sim import Setting, World
 
 __all__ = [
     "BEGINS", "GOES_ON", "LOOKS_AWAY", "MOST_ACTS", "TURNS_BACK", "TWO", "Survey", "allocate_survey", "begins_ahead",
@@ -41,7 +48,7 @@ MOST_NEAR = 40
 """So many BVs near the AV are looked at; further ones are left to chance."""
 MOST_ACTS = 60
 """So many acts are listed in one second; further ones are left to chance."""
-_PER_WORD = 1.0 / ALL_WORDS
+_PER_WORD = 1.0 / steering.ALL_WORDS
 _ACTS_OF_ONE = 3
 _PAIRS_RISE = 2.0
 _NEAR_BEHIND = 2.0  # 40 m, as `danger.look_at` writes gaps
@@ -141,7 +148,7 @@ def allocate_survey() -> Survey:
     )
 
 
-# Who is near
+# Which BVs are near
 
 
 @inlined_kernel
@@ -157,8 +164,8 @@ def _note_words(w: World, i: int, setting: Setting, near: Any) -> None:
     near.toward = 0.0
     if v[i].duration == 0.0:
         left, right = lane_wishes(w, i, road, tables)
-        near.low = words_below(left)
-        near.high = words_below(left + right)
+        near.low = steering.words_below(left)
+        near.high = steering.words_below(left + right)
         if av_lane > near.lane:
             near.toward = left
         elif av_lane < near.lane:
@@ -171,7 +178,7 @@ def _note_words(w: World, i: int, setting: Setting, near: Any) -> None:
         return
     back = return_chance(w, i, tables.overlook, road, tables)
     near.old_lane = old
-    near.low = words_below(back)
+    near.low = steering.words_below(back)
     near.toward = 1.0 - back if abs(near.lane - av_lane) < abs(old - av_lane) else back
 
 
@@ -355,35 +362,37 @@ def list_acts(
             break
         near = s.near[n]
         time = w.vehicles[near.slot].change_time
-        away = words_below(near.away)
-        if 0 < away < ALL_WORDS:
-            choice = Choice(n, LOOKS_AWAY, AWAY, 0, away, near.lane, near.left)
+        away = steering.words_below(near.away)
+        if 0 < away < steering.ALL_WORDS:
+            choice = Choice(n, LOOKS_AWAY, steering.AWAY, 0, away, near.lane, near.left)
             soon += _add_act(w, choice, total, ahead, setting, network, s)
             if _is_listed(w, least, ahead, setting, network, s):
-                _close_group(s, away, ALL_WORDS - away)
-        if near.left == 0.0 and near.high < ALL_WORDS:
+                _close_group(s, away, steering.ALL_WORDS - away)
+        if near.left == 0.0 and near.high < steering.ALL_WORDS:
             left_listed = False
             if near.low > 0:
-                choice = Choice(n, BEGINS, LANE, 0, near.low, near.lane + 1, time)
+                choice = Choice(n, BEGINS, steering.LANE, 0, near.low, near.lane + 1, time)
                 soon += _add_act(w, choice, total, ahead, setting, network, s)
                 left_listed = _is_listed(w, least, ahead, setting, network, s)
             if near.high > near.low:  # the rest of both groups must be one stretch of words: with the right the left
                 s.n_acts[0] += 1 if near.low > 0 else 0
-                choice = Choice(n, BEGINS, LANE, near.low, near.high - near.low, near.lane - 1, time)
+                choice = Choice(n, BEGINS, steering.LANE, near.low, near.high - near.low, near.lane - 1, time)
                 soon += _add_act(w, choice, total, ahead, setting, network, s)
                 if _is_listed(w, least, ahead, setting, network, s):
-                    _close_group(s, near.high, ALL_WORDS - near.high)
+                    _close_group(s, near.high, steering.ALL_WORDS - near.high)
                     continue
                 s.n_acts[0] -= 1 if near.low > 0 else 0
             if left_listed:
-                _close_group(s, near.low, ALL_WORDS - near.low)
-        elif near.left > 0.0 and 0 < near.low < ALL_WORDS:
-            if 2 * near.low < ALL_WORDS:
-                choice = Choice(n, TURNS_BACK, LANE, 0, near.low, near.old_lane, time)
+                _close_group(s, near.low, steering.ALL_WORDS - near.low)
+        elif near.left > 0.0 and 0 < near.low < steering.ALL_WORDS:
+            if 2 * near.low < steering.ALL_WORDS:
+                choice = Choice(n, TURNS_BACK, steering.LANE, 0, near.low, near.old_lane, time)
                 soon += _add_act(w, choice, total, ahead, setting, network, s)
-                rest = (near.low, ALL_WORDS - near.low)
+                rest = (near.low, steering.ALL_WORDS - near.low)
             else:
-                choice = Choice(n, GOES_ON, LANE, near.low, ALL_WORDS - near.low, near.lane, near.left)
+                choice = Choice(
+                    n, GOES_ON, steering.LANE, near.low, steering.ALL_WORDS - near.low, near.lane, near.left
+                )
                 soon += _add_act(w, choice, total, ahead, setting, network, s)
                 rest = (0, near.low)
             if _is_listed(w, least, ahead, setting, network, s):

@@ -1,6 +1,6 @@
-"""What trees of tests are kept in: the plan by which they grow, room for their worlds, and what they come to.
+"""What trees of tests are kept in: their plan, the pool of their particles, and the terminal states that are found.
 
-`trees` grows them. Nothing here drives.
+A *particle* is a world with a weight, a row of the pool. `splitting` and `tilt` drive particles; nothing here does.
 """
 
 from __future__ import annotations
@@ -12,35 +12,51 @@ from numpy.typing import NDArray
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import PURPOSE_ROULETTE, block, uniform
-from cornerforge.sim.acts import Survey, allocate_survey, list_acts, list_pairs, look_around
-from cornerforge.sim.branches import Branches, allocate_branches
-from cornerforge.sim.danger import Network
-from cornerforge.sim.lessons import Lessons
-from cornerforge.sim.steering import Steering, let_go
-from cornerforge.sim.world import World, allocate_worlds
+from cornerforge.rates.branching.acts import Survey, allocate_survey, list_acts, list_pairs, look_around
+from cornerforge.rates.branching.branches import Branches, allocate_branches
+from cornerforge.rates.branching.danger import Network
+from cornerforge.rates.branching.training_data import TrainingData
+from cornerforge.sim import World, allocate_worlds, steering
 
 if TYPE_CHECKING:
-    from cornerforge.sim.danger import Ahead
-    from cornerforge.sim.keep import Keep
-    from cornerforge.sim.scratch import Scratch
-    from cornerforge.sim.setting import Setting
+    from cornerforge.rates.branching.danger import Ahead
+    from cornerforge.sim import Keep, Scratch, Setting
 
 __all__ = [
-    "BRANCHES", "DRAWS", "LEAF", "LOST", "MOST_PROPOSALS", "NO_TILT", "ROOT", "SECONDS", "Forest", "Leaves", "Nursery",
-    "Plan", "Tilt", "allocate_leaves", "allocate_nursery", "draw", "is_tilted", "steering_of", "survey_world",
-    "tree_of", "value_of", "wait",
+    "BRANCHES",
+    "DRAWS",
+    "LOST",
+    "MOST_PROPOSALS",
+    "NO_TILT",
+    "SECONDS",
+    "TERMINAL_STATE",
+    "TREE",
+    "Plan",
+    "Pool",
+    "Population",
+    "TerminalStates",
+    "Tilt",
+    "allocate_pool",
+    "allocate_terminal_states",
+    "draw",
+    "is_tilted",
+    "steering_of",
+    "survey_world",
+    "tree_of",
+    "value_of",
+    "wait",
 ]  # fmt: skip
 
-ROOT = np.dtype(
+TREE = np.dtype(
     [("weight", "f8"), ("ended", "f8"), ("danger", "f8"), ("crashes", "i8"), ("seconds", "i8"), ("lost", "i8")]
 )
-"""A whole tree. weight: sum over its crashes, the estimate of the chance of a crash; ended: sum over all its ends, of
-mean 1; danger: at its start; crashes: how many; seconds: world-seconds driven; lost: copies or acts for which there was
-no room: must be 0."""
+"""A whole tree: all particles that come of one test. weight: sum over its crashes, the estimate of the chance of a
+crash; ended: sum over all its ends, of mean 1; danger: at its start; crashes: how many; seconds: world-seconds driven;
+lost: copies or acts for which there was no room: must be 0."""
 
-LEAF = np.dtype(
+TERMINAL_STATE = np.dtype(
     [
-        ("root", "i8"),
+        ("test", "i8"),
         ("weight", "f8"),
         ("time", "f8"),
         ("partner", "i8"),
@@ -49,11 +65,11 @@ LEAF = np.dtype(
         ("memory", "i8"),
     ]
 )
-"""A crash at the end of a branch. root: its test; weight; time into the test [s]; partner: slot; acts: the kinds of
-the acts that led there, as decimal digits; begun: decisions taken; memory: as of `Nursery`."""
+"""A crash at the end of a branch. test: the tree's; weight; time into the test [s]; partner: slot; acts: the kinds of
+the acts that led there, as decimal digits; begun: decisions taken; memory: as of `Pool`."""
 
 SECONDS, LOST, BRANCHES, DRAWS = range(4)
-"""Columns of `Nursery.tally`."""
+"""Columns of `Pool.tally`."""
 MOST_PROPOSALS = 4
 """A tilt has at most so many proposals."""
 
@@ -78,7 +94,7 @@ NO_TILT = Tilt(np.zeros(0), np.zeros(0), 1)
 
 
 class Plan(NamedTuple):
-    """How a tree grows.
+    """How a test branches into a tree.
 
     Attributes:
         target: What weight times danger should be; the smaller, the more is driven.
@@ -105,11 +121,11 @@ class Plan(NamedTuple):
     tilt: Tilt = NO_TILT
 
 
-class Leaves(NamedTuple):
-    """Crashes found; with no room none is noted.
+class TerminalStates(NamedTuple):
+    """Crashes that were found; a crash without room is not noted.
 
     Attributes:
-        crashes: (K,) of LEAF.
+        crashes: (K,) of TERMINAL_STATE.
         actions: Actions of all vehicles at each decision, int8 (K, decisions, N): with the test's start they give the
             crash again (`scripted`).
         used: How many there are, int64 (1,).
@@ -120,8 +136,8 @@ class Leaves(NamedTuple):
     used: NDArray[np.int64]
 
 
-class Nursery(NamedTuple):
-    """Worlds of trees that grow side by side, T trees of a stack of R / T rows each, and what is known of each world.
+class Pool(NamedTuple):
+    """Particles of trees that are driven side by side: T trees, a stack of R / T rows each; a row is a particle.
 
     Attributes:
         depth: Rows of a tree: tree t has those from t * depth on.
@@ -130,12 +146,12 @@ class Nursery(NamedTuple):
         ratio: Density of what happened to each by each proposal of a tilt, over the natural one, (R, MOST_PROPOSALS).
         proposal: Which one drives each, int64 (R,).
         danger: Of each a second ago, (R,).
-        moment: When it was last noted (`lessons`), int64 (R,).
-        acts: Acts that led there, as `LEAF.acts`, int64 (R,).
+        moment: When it was last noted (`training_data`), int64 (R,).
+        acts: Acts that led there, as `TERMINAL_STATE.acts`, int64 (R,).
         actions: Actions so far, int8 (R, decisions, N).
         waits: 1 if it must be driven a second on before it is looked at again, int64 (R,).
         steering: To what it is held in that second, (R, ...); of no meaning where it does not wait.
-        memory: For a driver of AVs outside: what its AV remembers, -1 for nothing, int64 (R,).
+        memory: For AVs outside: what its AV remembers, -1 for nothing, int64 (R,).
         top: Rows in use of each tree, int64 (T,).
         tally: SECONDS driven, copies LOST, BRANCHES and DRAWS of each tree, int64 (T, 4).
         survey: What is around the AV.
@@ -152,7 +168,7 @@ class Nursery(NamedTuple):
     acts: NDArray[np.int64]
     actions: NDArray[np.int8]
     waits: NDArray[np.int64]
-    steering: Steering
+    steering: steering.Steering
     memory: NDArray[np.int64]
     top: NDArray[np.int64]
     tally: NDArray[np.int64]
@@ -160,30 +176,30 @@ class Nursery(NamedTuple):
     branches: Branches
 
 
-class Forest(NamedTuple):
-    """All that trees are grown with.
+class Population(NamedTuple):
+    """All that trees are driven with.
 
     Attributes:
-        plan: How they grow.
+        plan: How they branch.
         setting: The run: an AV of the kernels, naturalistic BVs, no adversary.
         scratch, keep: Scratch; keep nothing.
-        nursery: Room for worlds.
-        leaves, lessons: What is found.
+        pool: Room for particles.
+        terminal, training: What is found.
     """
 
     plan: Plan
     setting: Setting
     scratch: Scratch
     keep: Keep
-    nursery: Nursery
-    leaves: Leaves
-    lessons: Lessons
+    pool: Pool
+    terminal: TerminalStates
+    training: TrainingData
 
 
-def allocate_nursery(depth: int, slots: int, decisions: int, places: int = 1) -> Nursery:
-    """Allocate room for `places` trees of `depth` worlds each, of `slots` vehicles; it takes memory when it is used."""
+def allocate_pool(depth: int, slots: int, decisions: int, places: int = 1) -> Pool:
+    """Allocate room for `places` trees of `depth` particles each, of `slots` vehicles; memory is taken on use."""
     rows = places * depth
-    return Nursery(
+    return Pool(
         depth=depth,
         worlds=allocate_worlds(rows, slots),
         weight=np.zeros(rows),
@@ -194,7 +210,7 @@ def allocate_nursery(depth: int, slots: int, decisions: int, places: int = 1) ->
         acts=np.zeros(rows, dtype=np.int64),
         actions=np.zeros((rows, decisions, slots), dtype=np.int8),
         waits=np.zeros(rows, dtype=np.int64),
-        steering=Steering(
+        steering=steering.Steering(
             np.zeros((rows, 1), dtype=np.int64),
             np.zeros((rows, 2, slots), dtype=np.uint64),
             np.zeros((rows, 2, slots), dtype=np.uint64),
@@ -207,10 +223,10 @@ def allocate_nursery(depth: int, slots: int, decisions: int, places: int = 1) ->
     )
 
 
-def allocate_leaves(crashes: int, slots: int, decisions: int) -> Leaves:
+def allocate_terminal_states(crashes: int, slots: int, decisions: int) -> TerminalStates:
     """Allocate room for so many crashes."""
-    return Leaves(
-        np.zeros(crashes, dtype=LEAF),
+    return TerminalStates(
+        np.zeros(crashes, dtype=TERMINAL_STATE),
         np.zeros((crashes, decisions, slots), dtype=np.int8),
         np.zeros(1, dtype=np.int64),
     )
@@ -229,13 +245,13 @@ def tree_of(test: int, plan: Plan) -> int:
 
 
 @kernel
-def survey_world(w: World, forest: Forest) -> tuple[float, Ahead]:
-    """Survey a world at the begin of a second: who is near the AV, and what they may do.
+def survey_world(w: World, population: Population) -> tuple[float, Ahead]:
+    """Survey a world at the begin of a second: which BVs are near the AV, and what they may do.
 
     Returns:
         The danger of all near BVs together; what is ahead of the AV.
     """
-    plan, setting, survey = forest.plan, forest.setting, forest.nursery.survey
+    plan, setting, survey = population.plan, population.setting, population.pool.survey
     survey.n_left_out[0] = 0
     total, ahead = look_around(w, setting, plan.network, survey)
     least = total + plan.least_rise * max(total, plan.floor)
@@ -245,32 +261,32 @@ def survey_world(w: World, forest: Forest) -> tuple[float, Ahead]:
 
 
 @inlined_kernel
-def value_of(total: float, forest: Forest) -> float:
+def value_of(total: float, population: Population) -> float:
     """Compute what counts as the danger of a surveyed world whose near BVs have a danger of `total`."""
-    value: float = total + forest.plan.look_ahead * forest.nursery.survey.soon[0]
+    value: float = total + population.plan.look_ahead * population.pool.survey.soon[0]
     return value
 
 
 @inlined_kernel
-def draw(row: int, nursery: Nursery) -> float:
+def draw(row: int, pool: Pool) -> float:
     """Draw a number in (0, 1) that is the tree's own."""
-    state = nursery.worlds.state[row, 0]
-    tally = nursery.tally[row // nursery.depth]
+    state = pool.worlds.state[row, 0]
+    tally = pool.tally[row // pool.depth]
     tally[DRAWS] += 1
     return uniform(block(state.seed, state.test, tally[DRAWS], 0, PURPOSE_ROULETTE)[0])
 
 
 @inlined_kernel
-def steering_of(row: int, nursery: Nursery) -> Steering:
-    """To what a row is held in the second that it waits for."""
-    held = nursery.steering
-    return Steering(held.on[row], held.first[row], held.words[row])
+def steering_of(row: int, pool: Pool) -> steering.Steering:
+    """Give the words that a row is held to in the second that it waits for."""
+    held = pool.steering
+    return steering.Steering(held.on[row], held.first[row], held.words[row])
 
 
 @inlined_kernel
-def wait(row: int, nursery: Nursery) -> Steering:
+def wait(row: int, pool: Pool) -> steering.Steering:
     """Let a row wait for its next second, held to nothing; returns its steering, to hold it to something."""
-    nursery.waits[row] = 1
-    steering = steering_of(row, nursery)
-    let_go(steering, nursery.worlds.state[row, 0].n_vehicles)
-    return steering
+    pool.waits[row] = 1
+    held = steering_of(row, pool)
+    steering.let_go(held, pool.worlds.state[row, 0].n_vehicles)
+    return held

@@ -1,6 +1,6 @@
 """Trees of tests for a foreign AV: worlds are copied, and the AV is shown again what it has seen in a copied world.
 
-A world can be copied (`sim.trees`), an AV in another process cannot. But what it answers depends on its test's seed and
+A world can be copied (`splitting`), an AV in another process cannot. But what it answers depends on its test's seed and
 on what it saw since `reset` alone (`foreign.interface`). So a copy of the AV is made by showing to a row of its batch,
 from the reset on, what it saw in the world that was copied. An AV without `reset` remembers nothing and is spared this.
 """
@@ -19,9 +19,11 @@ from cornerforge.execution import is_given_up
 from cornerforge.foreign.driver import ForeignAv, seeds_of, usable
 from cornerforge.foreign.process import AvFailureError
 from cornerforge.foreign.session import AvSession
-from cornerforge.sim import Forest, answer_width, grove
+from cornerforge.rates.branching import schedule
+from cornerforge.rates.branching.population import Population
+from cornerforge.sim import answer_width
 
-__all__ = ["ForeignGrower", "Watched"]
+__all__ = ["ForeignTrees", "Watched"]
 
 _NOTHING = -1
 _PLACES = 64
@@ -29,10 +31,10 @@ _PLACES = 64
 
 @dataclass(frozen=True)
 class Watched:
-    """What was noted of an AV while trees grew.
+    """What was noted of an AV while trees were driven.
 
     Attributes:
-        answers: What it answered on the way to each crash, in the order of the leaves, (K, A, W); NaN after the last.
+        answers: What it answered on the way to each crash, in the order of the crashes, (K, A, W); NaN after the last.
         asked, again: Answers that worlds were driven with; answers asked for once more, for copies.
         strayed: Those of the latter that were others than before.
     """
@@ -90,20 +92,20 @@ class _Past:
 
 @dataclass
 class _Seats:
-    """Rows of the AV's batch: who sits there, what the AV remembers there, and what it must be shown first.
+    """Rows of the AV's batch: which world sits there, what the AV remembers there, and what it must be shown first.
 
     Attributes:
         row: Of the world, -1 for none, (B,).
         memory: The moment up to which the AV remembers, -1 for none or unknown, (B,).
         fresh: It must be reset before the next question, (B,).
-        lesson: What it must be shown before it goes on, by seat.
+        replay: Past moments that it must be shown before it goes on, by seat.
         free: Seats without a world, by the time since when.
     """
 
     row: NDArray[np.int64]
     memory: NDArray[np.int64]
     fresh: NDArray[np.bool_]
-    lesson: dict[int, list[int]] = field(default_factory=dict)
+    replay: dict[int, list[int]] = field(default_factory=dict)
     free: OrderedDict[int, None] = field(default_factory=OrderedDict)
 
     def take(self, row: int, memory: int, past: _Past, *, remembers: bool) -> None:
@@ -114,7 +116,7 @@ class _Seats:
             seat = next(iter(self.free))
             self.fresh[seat] = remembers
             if remembers and memory != _NOTHING:
-                self.lesson[seat] = past.path_to(memory)
+                self.replay[seat] = past.path_to(memory)
         del self.free[seat]
         self.row[seat], self.memory[seat] = row, memory
 
@@ -124,12 +126,13 @@ class _Seats:
         self.free.update(dict.fromkeys(seats.tolist()))
 
 
-class ForeignGrower:
-    """Grows the trees of a foreign AV (`rates.trees.Grower`).
+class ForeignTrees:
+    """Drives the trees of a foreign AV (`drive.TreeDriver`).
 
     Args:
         av: The AV.
-        places: Trees that grow side by side; more than 64 take much memory, but without copies, when each is one world.
+        places: Trees that are driven side by side; more than 64 take much memory, unless each is one
+            world, without copies.
     """
 
     chunk = 8000
@@ -137,30 +140,30 @@ class ForeignGrower:
     def __init__(self, av: ForeignAv, places: int = _PLACES) -> None:
         self._av, self.places = av, places
 
-    def __call__(self, seed: int, first: int, forest: Forest, roots: NDArray[np.void]) -> Watched:
-        """Grow the trees of tests first, first + 1, ..., one for each of `roots`.
+    def __call__(self, seed: int, first: int, population: Population, trees: NDArray[np.void]) -> Watched:
+        """Drive the trees of tests first, first + 1, ..., one for each of `trees`.
 
         Raises:
             AvFaultError: The AV fails.
         """
-        forest = forest._replace(setting=self._av.steering(forest.setting))
+        population = population._replace(setting=self._av.steering(population.setting))
         with self._av.lend_session() as session:
-            return _Growing(self._av, session, seed, first, forest, roots).grow()
+            return _Driving(self._av, session, seed, first, population, trees).drive()
 
 
-class _Growing:
-    """A range of trees that grows."""
+class _Driving:
+    """A range of trees that is being driven."""
 
     def __init__(
-        self, av: ForeignAv, session: AvSession, seed: int, first: int, forest: Forest, roots: NDArray[np.void]
+        self, av: ForeignAv, session: AvSession, seed: int, first: int, population: Population, trees: NDArray[np.void]
     ) -> None:
         self._av, self._session, self._seed, self._first = av, session, seed, first
-        self._forest, self._roots = forest, roots
-        nursery = forest.nursery
-        self._grove = grove.allocate_grove(nursery.top.size, nursery.depth)
+        self._population, self._trees = population, trees
+        pool = population.pool
+        self._schedule = schedule.allocate_schedule(pool.top.size, pool.depth)
         size = session.batch_size
-        self._views = session.views(size, nursery.worlds.vehicles.shape[1])
-        self._width = answer_width(forest.setting)
+        self._views = session.views(size, pool.worlds.vehicles.shape[1])
+        self._width = answer_width(population.setting)
         self._past = _Past(self._views, self._width)
         none = np.full(size, _NOTHING)
         self._seats = _Seats(none, none.copy(), np.zeros(size, dtype=np.bool_))
@@ -168,17 +171,19 @@ class _Growing:
         self._answers: list[NDArray[np.float64]] = []
         self._asked = self._again = self._strayed = 0
 
-    def grow(self) -> Watched:
-        planted, free = 0, np.arange(self._grove.root.size)
+    def drive(self) -> Watched:
+        started, free = 0, np.arange(self._schedule.tree.size)
         while not is_given_up():
-            now = free[: self._roots.size - planted]
+            now = free[: self._trees.size - started]
             if now.size:
-                grove.plant_at(now, self._seed, self._first, planted, self._forest, self._grove, self._roots)
-                planted += now.size
+                schedule.start_trees(
+                    now, self._seed, self._first, started, self._population, self._schedule, self._trees
+                )
+                started += now.size
                 free = free[now.size :]
-            waiting, ready = grove.tend(self._forest, self._grove, self._roots)
+            waiting, ready = schedule.branch_out_all(self._population, self._schedule, self._trees)
             self._note_crashes()
-            done = self._grove.ready[:ready].copy()
+            done = self._schedule.ready[:ready].copy()
             if ready:
                 gone = self._past.forget(done)
                 self._seats.memory[np.isin(self._seats.memory, gone)] = _NOTHING
@@ -186,7 +191,7 @@ class _Growing:
             self._seat(waiting)
             if (self._seats.row != _NOTHING).any():
                 self._ask()
-            elif planted == self._roots.size and waiting == 0:
+            elif started == self._trees.size and waiting == 0:
                 break
         most = max((len(answers) for answers in self._answers), default=0)
         answers = np.full((len(self._answers), most, self._width), np.nan)
@@ -196,35 +201,35 @@ class _Growing:
 
     def _note_crashes(self) -> None:
         """Note the answers that led to each new crash."""
-        leaves = self._forest.leaves
-        for k in range(len(self._answers), int(leaves.used[0])):
-            self._answers.append(self._past.answer[self._past.path_to(int(leaves.crashes["memory"][k]))])
+        terminal = self._population.terminal
+        for k in range(len(self._answers), int(terminal.used[0])):
+            self._answers.append(self._past.answer[self._past.path_to(int(terminal.crashes["memory"][k]))])
 
     def _seat(self, waiting: int) -> None:
         """Give free seats to worlds that wait, those first that their trees need first."""
         room = len(self._seats.free)
         if waiting == 0 or room == 0:
             return
-        order = np.argsort(self._grove.ranks[:waiting], kind="stable")[:room]
+        order = np.argsort(self._schedule.ranks[:waiting], kind="stable")[:room]
         remembers = self._session.remembers
-        for row in self._grove.rows[:waiting][order].tolist():
-            self._seats.take(row, int(self._forest.nursery.memory[row]), self._past, remembers=remembers)
-            self._grove.moves[row] = 1
+        for row in self._schedule.rows[:waiting][order].tolist():
+            self._seats.take(row, int(self._population.pool.memory[row]), self._past, remembers=remembers)
+            self._schedule.moves[row] = 1
 
     def _ask(self) -> None:
         """Ask the AV once, about worlds where they are and about what copies of it must be shown."""
         seats = self._seats
         asked = live = np.flatnonzero(seats.row != _NOTHING)
-        shown = np.array(sorted(seats.lesson), dtype=np.int64)
+        shown = np.array(sorted(seats.replay), dtype=np.int64)
         if shown.size:
             live = np.setdiff1d(asked, shown, assume_unique=True)
-        moments = np.array([seats.lesson[seat][0] for seat in shown.tolist()], dtype=np.int64)
+        moments = np.array([seats.replay[seat][0] for seat in shown.tolist()], dtype=np.int64)
         rows = seats.row[live]
-        grove.look(rows, live, self._forest, self._views)
+        schedule.look(rows, live, self._population, self._views)
         self._views[shown] = self._past.view[moments]
         fresh = np.flatnonzero(seats.fresh)
         seats.fresh[fresh] = False
-        tests = self._forest.nursery.worlds.state["test"][:, 0]
+        tests = self._population.pool.worlds.state["test"][:, 0]
         try:
             answers, failed = self._session.act(self._views, fresh, seeds_of(self._seed, tests[seats.row[fresh]]))
         except AvFailureError as failure:
@@ -234,7 +239,7 @@ class _Growing:
         if bad.size:
             how = failed[int(bad[0])][1]
             raise self._fault(f"in test {tests[seats.row[bad[0]]]} it {how}", how)
-        seats.memory[seats.row == _NOTHING] = _NOTHING  # the AV was shown zeros there: who knows what it makes of them
+        seats.memory[seats.row == _NOTHING] = _NOTHING  # the AV was shown zeros there
         if shown.size:
             self._go_over(shown, moments, answers)
         if live.size:
@@ -245,29 +250,29 @@ class _Growing:
         self._again += shown.size
         self._strayed += int((answers[shown] != self._past.answer[moments]).any(axis=1).sum())
         for seat in shown.tolist():
-            self._seats.lesson[seat].pop(0)
-            if not self._seats.lesson[seat]:
-                del self._seats.lesson[seat]
+            self._seats.replay[seat].pop(0)
+            if not self._seats.replay[seat]:
+                del self._seats.replay[seat]
 
     def _go_on(self, live: NDArray[np.int64], rows: NDArray[np.int64], answers: NDArray[np.float64]) -> None:
         """Drive worlds on with the AV's answers."""
         self._asked += live.size
-        nursery, seats = self._forest.nursery, self._seats
+        pool, seats = self._population.pool, self._seats
         own = np.ascontiguousarray(answers[live])
-        places = rows // nursery.depth
-        moments = self._past.add(self._views[live], own, nursery.memory[rows], places)
-        nursery.memory[rows] = moments
+        places = rows // pool.depth
+        moments = self._past.add(self._views[live], own, pool.memory[rows], places)
+        pool.memory[rows] = moments
         seats.memory[live] = moments
         driven = np.zeros(rows.size, dtype=np.bool_)
-        grove.answer(rows, own, self._forest, self._grove, driven)
+        schedule.answer(rows, own, self._population, self._schedule, driven)
         gone = live[driven]
         self._views[gone] = 0.0
         seats.leave(gone)
 
     def _fault(self, what: str, how: str) -> AvFaultError:
         error = AvFaultError(
-            f"The AV {self._av.spec} failed while trees of tests grew: {what}. Count with --method mc, which sets such "
-            f"tests aside, or correct the AV; to look closer: {self._av.closer()}"
+            f"The AV {self._av.spec} failed while trees of tests were driven: {what}. Count with --method mc, which "
+            f"sets these tests aside, or correct the AV; to look closer: {self._av.closer()}"
         )
         return self._av.explained(error, how)
 

@@ -11,8 +11,8 @@ from hand_built import setting_of
 
 from cornerforge.experiment.av_file import av_of
 from cornerforge.ndd.model import NddModel
+from cornerforge.rates.branching.drive import drive_trees
 from cornerforge.rates.teaching import plan_of, teach
-from cornerforge.rates.trees import grow
 from cornerforge.rates.weighted import always_valid_interval, weighted_rate
 from cornerforge.sim import n_slots, simulate
 from cornerforge.types import Odd
@@ -47,7 +47,7 @@ def test_intervals_of_stopped_runs_hold(model: NddModel, monkeypatch: pytest.Mon
     slots = n_slots(ODD)
     taught = teach(run, slots, seed=1, threads=2)
     plan = plan_of(taught.network, taught.level)
-    weights = grow(run, slots, plan, seed=5, first=0, tests=TREES, threads=2).roots["weight"]
+    weights = drive_trees(run, slots, plan, seed=5, first=0, tests=TREES, threads=2).trees["weight"]
 
     # All trees together give the rate that counting gives, and would not with weights 20 % wrong.
     counted = simulate(run, slots, seed=9, tests=PLAIN, threads=2)
