@@ -44,7 +44,7 @@ def run_options() -> dict[str, Any]:
 
 def test_the_av_is_the_example(golden: Callable[[str, str], None]) -> None:
     """The package holds a copy of examples/my_av.py, which `make golden` writes."""
-    golden("../../src/cornerforge/pipeline/start/my_av.py.txt", EXAMPLE.read_text(encoding="utf-8"))
+    golden("../../src/cornerforge/verbs/start/my_av.py.txt", EXAMPLE.read_text(encoding="utf-8"))
 
 
 def test_the_files_are_written_and_named(tmp_path: Path, capsys: Capture) -> None:

@@ -7,3 +7,7 @@ AV), `acts` (what BVs may do in a second), `branches` (of which exactly one happ
 particles, terminal states), `splitting` (copies) and `tilt` (proposals), `training_data` (what the danger is trained
 with), `schedule` and `foreign` (AVs outside the kernels), `drive` (ranges of tests, in threads).
 """
+
+from __future__ import annotations
+
+__all__: list[str] = []
