@@ -19,17 +19,17 @@ from sim.test_digests import random_policy
 
 import cornerforge.ext.gym  # noqa: F401  registers the environments
 from cornerforge.adversary.replay import allocate_transitions
+from cornerforge.adversary.worlds.drive_bv import Exploring, allocate_actors, collect, start_worlds
+from cornerforge.adversary.worlds.rewards import reward_numbers
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, best_action, q_values
 from cornerforge.experiment.policy_file import Policy
 from cornerforge.experiment.setting import Experiment, experiment
 from cornerforge.ext.gym.batch import AvBatch, BvBatch
 from cornerforge.ext.gym.vector import AdversaryVectorEnv, DrivingVectorEnv
 from cornerforge.library.harvester import Harvester
-from cornerforge.sim.drive_bv import Exploring, allocate_actors, collect, start_worlds
 from cornerforge.sim.keep import Outcomes, allocate_outcomes, keep_nothing, write_outcome
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.recorder import Recorder, scenario_digest
-from cornerforge.sim.rewards import reward_numbers
 from cornerforge.sim.runner import Tally, drive_chunk
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.scripted import Script, ScriptDriver

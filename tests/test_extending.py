@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from cornerforge.sim.rewards import REWARDS
+from cornerforge.adversary.worlds.rewards import REWARDS
 from cornerforge.sim.setting import ADVERSARIES
 from cornerforge.world_options import PLAIN_ADVERSARIES, REWARD_NAMES
 
@@ -82,7 +82,7 @@ _DECISIONS = {
     ],
 }  # fmt: skip
 REWARD: Recipe = {
-    "sim/rewards.py": [
+    "adversary/worlds/rewards.py": [
         ("REWARDS = {\n", 'REWARDS = {\n    "struck": Reward(9, "a crash in which the AV is struck"),\n'),
         (
             "_RULES: dict[str, Any] = {",
@@ -225,10 +225,11 @@ FORGOTTEN: dict[str, tuple[str, str, str, str]] = {
     "what a law does": ("sim/av_kinds.py", '"gentle": _gentle, ', "", "gentle: declared and without a kernel"),
     "a code of its own": ("drivers/avs.py", "AvLaw(9,", "AvLaw(2,", "Two have the same code: .*'gentle': 2"),
     "what a reward pays for": (
-        "sim/rewards.py", '"struck": _that_is_struck, ', "", "struck: declared and without a kernel",
+        "adversary/worlds/rewards.py", '"struck": _that_is_struck, ', "", "struck: declared and without a kernel",
     ),
     "where a reward is judged": (
-        "sim/rewards.py", "return not strikes", "return not _avoidable", '"struck" asks .* sim/drive_bv.py',
+        "adversary/worlds/rewards.py", "return not strikes", "return not _avoidable",
+        '"struck" asks .* adversary/worlds/drive_bv.py',
     ),
     "what an adversary does": (
         "sim/adversaries.py", '"braker": _braker, ', "", "braker: declared and without a kernel",
@@ -242,7 +243,7 @@ def test_what_is_forgotten_is_an_error_that_names_it(scratch: Path, tmp_path: Pa
     """At import, so whatever the stranger starts first tells it."""
     copy = tmp_path / "cornerforge"
     shutil.copytree(scratch / "cornerforge", copy)
-    load = "import cornerforge.sim.rewards, cornerforge.sim.av_kinds, cornerforge.sim.adversaries"
+    load = "import cornerforge.adversary.worlds.rewards, cornerforge.sim.av_kinds, cornerforge.sim.adversaries"
     done = python(tmp_path, load)
     assert done.returncode == 0, done.stderr
     for what, (name, text, without, error) in FORGOTTEN.items():

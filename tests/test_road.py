@@ -72,7 +72,7 @@ WRAPPERS = {"float", "abs", "np.abs", "np.asarray", "np.array"}
 PLANE = {
     "drivers/rails.py": "plans manoeuvres on a straight road",
     "counterfactual/search.py": "bounds how far the AV can get, to leave out recorded vehicles that it cannot reach",
-    "sim/braking.py": "moves boxes in a plane beside recorded ones",
+    "counterfactual/braking.py": "moves boxes in a plane beside recorded ones",
     "sim/traffic.py": "fills a straight road, see docs/design.md",
 }
 """Modules that compute with local names of positions, and why they may."""

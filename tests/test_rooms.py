@@ -13,11 +13,15 @@ import pytest
 import cornerforge
 
 PACKAGE = Path(cornerforge.__file__).parent
-ROOMS = ["cornerforge.counterfactual", "cornerforge.sim"]
+ROOMS = ["cornerforge.adversary.worlds", "cornerforge.counterfactual", "cornerforge.rates.branching", "cornerforge.sim"]
+
+
+def folder_of(room: str) -> Path:
+    return PACKAGE.joinpath(*room.split(".")[1:])
 
 
 def modules_outside(room: str) -> Iterator[Path]:
-    folder = PACKAGE / room.removeprefix("cornerforge.")
+    folder = folder_of(room)
     assert (folder / "__init__.py").is_file()
     return (path for path in sorted(PACKAGE.rglob("*.py")) if folder not in path.parents)
 
@@ -71,7 +75,7 @@ def test_other_rooms_come_in_by_the_door(room: str) -> None:
     ("source", "found"),
     [
         ("from cornerforge.sim import World", []),
-        ("from cornerforge.sim import agents\nagents.MAX_TRIES", []),
+        ("from cornerforge.sim import lockstep\nlockstep.see", []),
         ("from cornerforge.simulator import World", []),
         ("from cornerforge.sim.world import World", ["cornerforge.sim.world.World"]),
         ("def f():\n    from cornerforge.sim.world import World", ["cornerforge.sim.world.World"]),
@@ -82,7 +86,7 @@ def test_other_rooms_come_in_by_the_door(room: str) -> None:
         ("from cornerforge import sim", ["cornerforge.sim"]),
         ("from ..sim import world", ["a relative import"]),
         ("importlib.import_module('cornerforge.sim.world')", ["cornerforge.sim.world"]),
-        ("from cornerforge.sim import agents as a\na.kernel", ["cornerforge.sim.agents.kernel"]),
+        ("from cornerforge.sim import lockstep as a\na.kernel", ["cornerforge.sim.lockstep.kernel"]),
     ],
 )
 def test_a_way_past_the_door_is_seen(source: str, found: list[str]) -> None:
@@ -93,6 +97,21 @@ def test_a_way_past_the_door_is_seen(source: str, found: list[str]) -> None:
 def test_a_name_never_means_two_things(room: str) -> None:
     """A function under the name of a module would be the module, once that is imported."""
     given = importlib.import_module(room)
-    inside = {path.stem for path in (PACKAGE / room.removeprefix("cornerforge.")).glob("*.py")}
+    inside = {path.stem for path in folder_of(room).glob("*.py")}
     for name in inside & set(given.__all__):
         assert getattr(given, name) is importlib.import_module(f"{room}.{name}")
+
+
+def taken(source: str, room: str) -> set[str]:
+    """The names that a module takes from a room's door."""
+    imports = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ImportFrom) and node.module == room)
+    return {one.name for node in imports for one in node.names}
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_door_gives_nothing_that_no_room_takes(room: str) -> None:
+    given = importlib.import_module(room)
+    used = set[str]().union(*(taken(path.read_text(encoding="utf-8"), room) for path in modules_outside(room)))
+    assert set(given.__all__) - used <= set(getattr(given, "FOR_PROGRAMS", ())), (
+        "take these out of `__all__` of its __init__.py"
+    )

@@ -13,8 +13,8 @@ from cornerforge.adversary.config import PRESETS, TrainConfig, preset_named
 from cornerforge.adversary.learner import DqnLearner
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.train import _epsilon, _learning_rate
+from cornerforge.adversary.worlds.drive_bv import Transitions
 from cornerforge.errors import InputError, UnknownNameError
-from cornerforge.sim.drive_bv import Transitions
 from cornerforge.sim.observe import N_OBSERVATION
 
 SMALL = replace(

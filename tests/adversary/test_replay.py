@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cornerforge.adversary.replay import BalancedMemory, ReplayMemory, allocate_transitions
-from cornerforge.sim.drive_bv import Transitions
+from cornerforge.adversary.worlds.drive_bv import Transitions
 
 
 def numbered(first: int, n: int) -> Transitions:

@@ -15,26 +15,16 @@ from cornerforge.adversary.config import preset_named
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.train import train_adversary
 from cornerforge.adversary.verdicts import judge_by_case, verdict_of
+from cornerforge.adversary.worlds.crash_cases import CrashCases, Verdict
+from cornerforge.adversary.worlds.drive_bv import Exploring, allocate_actors, collect, start_worlds
+from cornerforge.adversary.worlds.rewards import reward_numbers
 from cornerforge.drivers.careful import CAREFUL
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError
 from cornerforge.experiment.setting import experiment
 from cornerforge.library import CaseLibrary
 from cornerforge.recordings import Recordings, recordings_of_tracks
-from cornerforge.sim import (
-    ADVERSARIES,
-    N_OBSERVATION,
-    TOLD,
-    CrashCases,
-    Exploring,
-    Verdict,
-    allocate_actors,
-    allocate_scratch,
-    collect,
-    keep_nothing,
-    reward_numbers,
-    start_worlds,
-)
+from cornerforge.sim import ADVERSARIES, N_OBSERVATION, TOLD, allocate_scratch, keep_nothing
 from cornerforge.verbs.train import evaluate
 
 SEED = 3

@@ -17,6 +17,7 @@ from reference.shapes import Box as ShapeBox
 from reference.world import Vehicle
 
 from cornerforge.analysis.avoidability import Avoidability, AvoidParams, _labels, _search, avoidability
+from cornerforge.counterfactual.braking import Braking, avoidable_by_braking, is_avoidable
 from cornerforge.counterfactual.motion import allocate_rows
 from cornerforge.counterfactual.search import BRAKING, Manoeuvres
 from cornerforge.counterfactual.witness import drive_way_out
@@ -24,7 +25,6 @@ from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.ndd.model import NddModel
 from cornerforge.recordings import Recordings, Trajectories, bodies_in, recordings_of_scenarios, unpack
 from cornerforge.road.straight import road_numbers
-from cornerforge.sim.braking import Braking, avoidable_by_braking, is_avoidable
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import crashed_tests, simulate_chunks
 from cornerforge.sim.step import allocate_recording

@@ -10,6 +10,9 @@ import pytest
 
 from cornerforge.adversary.train import TRAINING_TESTS
 from cornerforge.adversary.verdicts import judge_by_case
+from cornerforge.adversary.worlds.agents import substitute_action
+from cornerforge.adversary.worlds.judge import judge_crashes
+from cornerforge.adversary.worlds.rewards import reward_numbers
 from cornerforge.errors import InputError
 from cornerforge.experiment.setting import Experiment, experiment
 from cornerforge.ext.gym.batch import FIRST_TEST, AvBatch, BvBatch
@@ -17,12 +20,9 @@ from cornerforge.ext.gym.runs import adversary_batch, driving_batch
 from cornerforge.ext.gym.spaces import av_commands
 from cornerforge.sim.actions import ordered_lane
 from cornerforge.sim.adversaries import choose_action
-from cornerforge.sim.agents import substitute_action
 from cornerforge.sim.av import av_decide
-from cornerforge.sim.judge import judge_crashes
 from cornerforge.sim.keep import Outcomes
 from cornerforge.sim.recorder import Recorder
-from cornerforge.sim.rewards import reward_numbers
 from cornerforge.sim.runner import drive_chunk
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import ADVERSARIES

@@ -15,7 +15,7 @@ from cornerforge.errors import CornerForgeError
 from cornerforge.foreign.process import AvFailureError, AvProcess
 from cornerforge.foreign.scene import COLUMNS
 from cornerforge.foreign.session import context_of
-from cornerforge.sim import SCENE_COLUMNS
+from cornerforge.sim.av_scene import SCENE_COLUMNS
 from cornerforge.types import Odd
 
 NOBODY = np.zeros(0, np.int64)

@@ -21,14 +21,16 @@ from cornerforge.adversary.config import PRESETS, TrainConfig
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.train import TRAINING_TESTS, CurvePoint, TrainResult, train_adversary
 from cornerforge.adversary.verdicts import verdict_of
+from cornerforge.adversary.worlds.collector import ForeignCollector, Group
+from cornerforge.adversary.worlds.drive_bv import Exploring, allocate_actors, start_worlds
+from cornerforge.adversary.worlds.rewards import reward_numbers
 from cornerforge.cli import main
 from cornerforge.errors import AvFaultError, OutputError
 from cornerforge.experiment.policy_file import load_policy
 from cornerforge.experiment.setting import Experiment, experiment
-from cornerforge.foreign.collector import ForeignCollector, Group
 from cornerforge.foreign.driver import MAX_FAULTS, Fault, ForeignAv, seeds_of
 from cornerforge.results.rates import Yield
-from cornerforge.sim import N_OBSERVATION, OUTSIDE, TOLD, Exploring, allocate_actors, reward_numbers, start_worlds
+from cornerforge.sim import N_OBSERVATION, OUTSIDE, TOLD
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import UNIFORM
 from cornerforge.sim.world import VEHICLE

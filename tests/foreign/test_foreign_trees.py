@@ -183,7 +183,7 @@ def test_an_av_that_does_not_repeat_itself_is_noticed(reckless: NddModel) -> Non
 @pytest.mark.parametrize(("name", "what"), [("Raises", "raised"), ("Nan", "answered with NaN")])
 def test_a_failure_is_told_in_one_sentence(reckless: NddModel, name: str, what: str) -> None:
     run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE)
-    with pytest.raises(AvFaultError, match=f"failed while trees of tests grew.*{what}.*--method mc"):
+    with pytest.raises(AvFaultError, match=f"failed while trees of tests were driven.*{what}.*--method mc"):
         trees(run, ForeignAv(f"avs:{name}", ODD), 200, plan(0, 1e-2))
 
 

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from hand_built import setting_of
 
+from cornerforge.adversary.worlds.drive_bv import allocate_actors, start_worlds
+from cornerforge.adversary.worlds.rewards import reward_numbers
 from cornerforge.errors import InputError, UndrawableError
 from cornerforge.experiment.setting import experiment
 from cornerforge.ext.gym.batch import BvBatch
@@ -15,19 +17,16 @@ from cornerforge.library.harvester import Harvester
 from cornerforge.ndd.model import NddModel
 from cornerforge.rates.branching.danger import untaught
 from cornerforge.rates.branching.drive import drive_trees
+from cornerforge.rates.branching.population import Plan
 from cornerforge.sim import (
     N_OBSERVATION,
     TOLD,
-    Plan,
     Recorder,
     Setting,
-    allocate_actors,
     allocate_scratch,
     allocate_worlds,
     reset_world,
-    reward_numbers,
     simulate,
-    start_worlds,
     world_of,
 )
 from cornerforge.sim.world import RUNNING, UNDRAWN, n_slots

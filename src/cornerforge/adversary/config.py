@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from cornerforge._checks import check_in, check_integer, check_number
+from cornerforge.adversary.worlds import reward_numbers
 from cornerforge.drivers.policy import NetworkShape
 from cornerforge.errors import UnknownNameError
-from cornerforge.sim import N_OBSERVATION, reward_numbers
+from cornerforge.sim import N_OBSERVATION
 
 __all__ = ["PRESETS", "TrainConfig", "preset_named"]
 
@@ -18,7 +19,7 @@ class TrainConfig:
 
     `decisions` counts transitions of the controlled BV over all worlds; schedules run over decisions, never over
     seconds, so that the same seed learns the same weights on any machine speed. `reward` is a name of
-    `sim.rewards.REWARDS`; `delay_s` is the AV's time to react in `avoidable`, and of no account in others.
+    `adversary.worlds.rewards.REWARDS`; `delay_s` is the AV's time to react in `avoidable`, and of no account in others.
     `guided` is the share of worlds, at most 0.9, in which exploring mostly means to draw level and swerve, or to ram
     the AV from behind, so that crashes that chance hardly ever makes are seen at all; the chance to explore never falls
     below `guided_epsilon` there. The training curve counts the other worlds. `paid_share`: see `replay.BalancedMemory`.

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.sim import N_OBSERVATION, Transitions
+from cornerforge.adversary.worlds import Transitions
+from cornerforge.sim import N_OBSERVATION
 from cornerforge.types import N_ACTIONS
 
 __all__ = ["BalancedMemory", "ReplayMemory", "allocate_transitions"]

@@ -25,28 +25,30 @@ from cornerforge.adversary.checkpoint import CheckpointFile, TrainingState
 from cornerforge.adversary.config import TrainConfig
 from cornerforge.adversary.learner import DqnLearner, below
 from cornerforge.adversary.replay import allocate_transitions
+from cornerforge.adversary.worlds import (
+    CrashCases,
+    Exploring,
+    ForeignCollector,
+    Transitions,
+    Verdict,
+    allocate_actors,
+    collect,
+    reward_numbers,
+    start_worlds,
+)
 from cornerforge.drivers.policy import PolicyNumbers
 from cornerforge.errors import FileFormatError, InputError, MissingExtraError
-from cornerforge.foreign.collector import ForeignCollector
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.results.learning import TrainingPoint
 from cornerforge.sim import (
     N_OBSERVATION,
     POLICY,
     TOLD,
-    CrashCases,
-    Exploring,
     Setting,
-    Transitions,
-    Verdict,
-    allocate_actors,
     allocate_scratch,
     arrays_of,
-    collect,
     keep_nothing,
     naming_tests,
-    reward_numbers,
-    start_worlds,
     warn_of_left_out,
 )
 

@@ -17,27 +17,29 @@ from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.train import TRAINING_TESTS, CurvePoint, TrainResult, train_in
+from cornerforge.adversary.worlds import (
+    AV_DECISIONS,
+    HOSTILE,
+    AvReward,
+    Transitions,
+    allocate_av_actors,
+    collect_av,
+    start_av_worlds,
+)
 from cornerforge.drivers.avs import AV_KINDS
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers
 from cornerforge.errors import InputError
 from cornerforge.sim import (
     ADVERSARIES,
-    AV_DECISIONS,
     DECIDES_EVERY,
-    HOSTILE,
     LEARNED_WIDTH,
     N_AV_FEATURES,
     NOBODY,
-    AvReward,
     Setting,
-    Transitions,
-    allocate_av_actors,
     allocate_scratch,
     arrays_of,
-    collect_av,
     keep_nothing,
     naming_tests,
-    start_av_worlds,
     warn_of_left_out,
 )
 
@@ -49,7 +51,7 @@ class AvTrainConfig(TrainConfig):
     """`TrainConfig` for the AV. A decision is a second of one world here: two decisions of the AV.
 
     Attributes:
-        progress, acceleration, lane_change, nearness, time_gap: See `sim.drive_av.AvReward`.
+        progress, acceleration, lane_change, nearness, time_gap: See `worlds.drive_av.AvReward`.
         hostile: Adversaries, one test each by turns: name, and whether it is NDD-bounded. "nobody" is natural
             traffic.
 

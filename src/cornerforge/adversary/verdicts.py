@@ -7,17 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from cornerforge.adversary.worlds import Verdict, driver_of_reward, reward_named
 from cornerforge.drivers.careful import CAREFUL
 from cornerforge.execution import Rooms, in_order
-from cornerforge.sim import (
-    SUBSTEPS,
-    Verdict,
-    allocate_harvest,
-    driver_of_reward,
-    is_full,
-    recordings_of_harvest,
-    reward_named,
-)
+from cornerforge.sim import SUBSTEPS, allocate_harvest, is_full
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -69,7 +62,7 @@ def _judge_of(reward: str, run: Experiment) -> Callable[[Recordings], Paid] | No
     """Return the judge of a reward's crashes; None: kernels judge them.
 
     Raises:
-        UnknownNameError, InputError: As `sim.rewards.reward_named`.
+        UnknownNameError, InputError: As `adversary.worlds.rewards.reward_named`.
     """
     if not reward_named(reward).by_case:
         return None
@@ -89,7 +82,7 @@ def verdict_of(reward: str, run: Experiment) -> Verdict | None:
     """Return who says of crashes of a run whether a reward pays for them; None: kernels do.
 
     Raises:
-        UnknownNameError, InputError: As `sim.rewards.reward_named`.
+        UnknownNameError, InputError: As `adversary.worlds.rewards.reward_named`.
     """
     judge = _judge_of(reward, run)
     return None if judge is None else lambda recordings: judge(recordings).paid
@@ -124,10 +117,10 @@ def judge_by_case(run: Experiment, seed: int, crashed: Sequence[int], reward: st
             for test in crashed[first : first + count]:
                 recorder.keep(seed, test, harvest)
                 if is_full(harvest, *longest):
-                    parts.append(judge(recordings_of_harvest(harvest)))
+                    parts.append(judge(harvest.recordings()))
                     harvest.clear()
             if harvest.n_cases:
-                parts.append(judge(recordings_of_harvest(harvest)))
+                parts.append(judge(harvest.recordings()))
         return _joined(parts)
 
     if run.foreign is not None:

@@ -146,7 +146,7 @@ class Avoidability:
 
     Attributes:
         label: A key of `LABELS`.
-        manoeuvre_s: Begin of the manoeuvre that led to the crash (`sim.braking.manoeuvre_begin`).
+        manoeuvre_s: Begin of the manoeuvre that led to the crash (`counterfactual.braking.manoeuvre_begin`).
         braking_s: Latest moment from which accelerations alone help, not before the manoeuvre's begin.
         steering_s: The same for lane changes alone.
         latest_s: The last way out: latest moment from which anything helps; it may lie before the manoeuvre's begin.

@@ -3,7 +3,8 @@
 `search_cases` takes recordings and gives, for each, the latest moments from which the AV could still have avoided the
 crash. Within it: `search` tries every sequence of manoeuvres, `witness` drives what was found once more, `motion`
 continues a recording after its contact.
-`judge_cases` lets reference drivers drive in the AV's place (`careful`). All motion is the simulator's own.
+`judge_cases` lets reference drivers drive in the AV's place (`careful`). `is_avoidable` asks whether braking would
+have been enough (`braking`). All motion is the simulator's own.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING
 from cornerforge._doors import door
 
 if TYPE_CHECKING:
+    from cornerforge.counterfactual.braking import Braking, is_avoidable
     from cornerforge.counterfactual.careful import (
         Judgements,
         JudgeScratch,
@@ -34,6 +36,7 @@ __all__ = [
     "BRAKING",
     "COMBINED",
     "STEERING",
+    "Braking",
     "CaseScratch",
     "JudgeScratch",
     "Judgements",
@@ -43,6 +46,7 @@ __all__ = [
     "allocate_judge_scratch",
     "allocate_judgements",
     "allocate_ways_out",
+    "is_avoidable",
     "judge_cases",
     "no_tracks",
     "search_cases",
@@ -57,6 +61,8 @@ __getattr__ = door(
         "BRAKING": "search",
         "COMBINED": "search",
         "STEERING": "search",
+        "Braking": "braking",
+        "is_avoidable": "braking",
         "Manoeuvres": "search",
         "WaysOut": "cases",
         "allocate_case_scratch": "cases",

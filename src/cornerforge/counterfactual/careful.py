@@ -15,13 +15,14 @@ import numpy as np
 
 from cornerforge._elementary import sin_cos
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.counterfactual.braking import manoeuvre_begin
 from cornerforge.counterfactual.motion import allocate_rows, continue_recording, take_over_av
 from cornerforge.counterfactual.search import Manoeuvres, stopping_frames
 from cornerforge.drivers.careful import CAREFUL, HOLDS, Threat, braking_demanded, braking_of, own_reaction
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.recordings import BODY_FIELDS, Recordings, Trajectories, box_in, unpack
 from cornerforge.road.straight import way_from
-from cornerforge.sim import World, allocate_recording, hold, manoeuvre_begin, move_vehicle
+from cornerforge.sim import World, allocate_recording, hold, move_vehicle
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cornerforge._jit import kernel
+from cornerforge.counterfactual.braking import manoeuvre_begin
 from cornerforge.counterfactual.motion import continue_recording
 from cornerforge.counterfactual.search import (
     COMBINED,
@@ -21,7 +22,7 @@ from cornerforge.counterfactual.search import (
 )
 from cornerforge.counterfactual.witness import drive_way_out
 from cornerforge.recordings import BODY_FIELDS, Recordings, Trajectories, unpack
-from cornerforge.sim import allocate_recording, manoeuvre_begin
+from cornerforge.sim import allocate_recording
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

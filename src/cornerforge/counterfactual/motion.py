@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.counterfactual.braking import lateral_plan
 from cornerforge.road.straight import lane_centre, lane_of
-from cornerforge.sim import World, allocate_worlds, hold, lateral_plan, move_vehicle, start_lane_change, world_of
+from cornerforge.sim import World, allocate_worlds, hold, move_vehicle, start_lane_change, world_of
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from cornerforge.foreign import tracking
 from cornerforge.foreign.scene import COLUMNS
-from cornerforge.sim import OUTSIDE, STEERED, tracking
+from cornerforge.sim import OUTSIDE, STEERED
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:

@@ -160,7 +160,7 @@ class Planner(ABC):
             "steering": acceleration and angle of the front wheels [rad]: curvature tan(angle) / wheelbase.
             "trajectory": (M, 3) to (M, 5), M >= 2: time from now [s], ascending; x, y of the box's centre [m] in the
             scene's coordinates; if given heading [rad] and speed [m/s]. It must reach to the next answer.
-            The vehicle's limits and how it follows a trajectory: `cornerforge.sim.bicycle`, `cornerforge.sim.tracking`.
+            The vehicle's limits: `cornerforge.sim.bicycle`; following a trajectory: `cornerforge.foreign.tracking`.
         """
 
 

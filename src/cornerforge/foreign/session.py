@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.drivers.idm import IdmParams
+from cornerforge.foreign import tracking
 from cornerforge.foreign.answers import Carried, carry_out
 from cornerforge.foreign.edge_cases import scenes_of
 from cornerforge.foreign.interface import VIEW_SHAPE, AvContext
@@ -16,14 +17,13 @@ from cornerforge.foreign.pace import Pace
 from cornerforge.foreign.process import AvProcess
 from cornerforge.sim import (
     AV_VIEW_VERSION,
-    MOST_LATERAL_ACCELERATION,
-    SCENE_COLUMNS,
     Keep,
     Setting,
     allocate_scratch,
+    av_scene,
+    bicycle,
     keep_nothing,
     lockstep,
-    tracking,
     warn_of_left_out,
 )
 from cornerforge.types import FRAME_S, Odd
@@ -55,7 +55,7 @@ def context_of(odd: Odd, *, batch: int, seed: int) -> AvContext:
         seed=seed,
         set_speed=IdmParams().desired_speed,
         wheelbase=tracking.wheelbase(odd.vehicle_length),
-        most_lateral_acceleration=MOST_LATERAL_ACCELERATION,
+        most_lateral_acceleration=bicycle.MOST_LATERAL_ACCELERATION,
     )
 
 
@@ -95,7 +95,7 @@ class AvSession:
             return np.zeros((size, *VIEW_SHAPE), dtype=np.float32)
         objects = int(about["objects"])
         others = slots - 1 if objects < 0 else min(objects, slots - 1)
-        return np.zeros((size, 1 + others, SCENE_COLUMNS))
+        return np.zeros((size, 1 + others, av_scene.SCENE_COLUMNS))
 
     def shown(self, views: NDArray[np.float32]) -> NDArray[Any]:
         """Turn views (B, 13, 8) into what this AV sees; for trials without a simulator."""

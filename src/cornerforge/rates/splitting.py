@@ -31,10 +31,7 @@ from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.library.filling import MODEL_FILE
 from cornerforge.library.schema import SCRIPTED
 from cornerforge.ndd.model import save_model
-from cornerforge.rates.branching import danger
-from cornerforge.rates.branching.drive import BUILT_IN_TREES, TreeDriver, drive_trees
-from cornerforge.rates.branching.foreign import ForeignTrees
-from cornerforge.rates.branching.population import Plan, tree_of
+from cornerforge.rates.branching import BUILT_IN_TREES, ForeignTrees, Plan, TreeDriver, danger, drive_trees, tree_of
 from cornerforge.rates.monte_carlo import MonteCarlo
 from cornerforge.rates.weighted import (
     LEAST_EFFECTIVE,

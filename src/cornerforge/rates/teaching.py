@@ -19,9 +19,16 @@ from numpy.typing import NDArray
 
 from cornerforge._checksums import read_arrays
 from cornerforge.errors import MissingExtraError
-from cornerforge.rates.branching import danger
-from cornerforge.rates.branching.drive import BUILT_IN_TREES, DrivenTrees, TrainingTable, TreeDriver, drive_trees
-from cornerforge.rates.branching.population import Plan, Tilt
+from cornerforge.rates.branching import (
+    BUILT_IN_TREES,
+    DrivenTrees,
+    Plan,
+    Tilt,
+    TrainingTable,
+    TreeDriver,
+    danger,
+    drive_trees,
+)
 from cornerforge.sim import BUILT_IN, Setting
 
 try:

@@ -14,26 +14,23 @@ of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs
   (`MILESTONE`), or when somebody outside must answer (`AV_MUST_ANSWER`, `BV_MUST_ANSWER`); the answer goes into the
   world, and the next `advance` goes on from there. `Scratch` is memory to work in; nothing in it outlives a call.
 - *Drive*: thin callers of the loop. `simulate` drives ranges of tests in threads; `ScriptDriver` drives given starts
-  and actions; `judge_crashes` drives crashes again; `lockstep` (a module) is for AVs in other processes, `agents` (a
-  module) for environments.
+  and actions; `lockstep` (a module) is for AVs in other processes.
 - *Keep*. `Keep` is what stays of a drive besides its outcome: frames, decisions, counts (`statistics`, a module). A
   `Recorder` gives one test in full, `harvest_range` and `case_of` make cases.
 - *Views*: sizes and versions of what is seen, by the adversary (`N_OBSERVATION`) and by an AV (`VIEW_ROWS`,
-  `N_AV_FEATURES`).
-- *Parts* of a second, for questions about a moment: the chance of each action, what the AV would do, motion.
-- *Trees* (`Plan`, `Forest`; `trees`, `grove`, `lessons`, `danger`: modules): worlds are copied where something
-  dangerous may happen, or drawn from proposals that favour it, and weighted, so that rare crashes are found without
-  changing their rate.
-- *Training*: rewards, and transitions of many worlds for learners of the adversary (`collect`; `drive_bv_outside`, a
-  module, for AVs in other processes) and of the AV (`collect_av`).
+  `N_AV_FEATURES`; `av_scene`, a module).
+- *Parts* of a second, for kernels of other rooms: the chance of each action, what the AV would do, who is next to
+  whom, motion (`bicycle`, a module, of an AV that steers), and random words that are held to a part (`steering`, a
+  module).
 
-Inside, in the order of reading: `world`, `traffic`, `snapshot`; `setting`; `scratch`; `keep`; `loop`. Within the loop:
-`decide` (what BVs draw), `chances` (with which probability), `adversaries` (the critical BV), `av` and `av_kinds`
-(built-in AVs), `actions`, `motion`, `bicycle` (an AV that steers), `step` and `reach` (contact), `neighbours`. Views:
-`observe`, `av_view`, `av_scene`, `av_features`; `tracking` follows trajectories of AVs. Callers: `drive` (whole
-tests), `runner`, `scripted` and `rails`, `lockstep`, `agents`, `drive_bv`, `drive_bv_outside`, `drive_av`; `harvest`,
-`recorder`, `judge`. Trees: `steering` (words that are held to a part), `danger`, `acts`, `branches`, `lessons`,
-`forest`, `tilt`, `trees`, `grove`. What the adversary is paid for: `rewards`, `braking`, `crash_cases`.
+Worlds to learn in are in `adversary.worlds`, weighted tests in `rates.branching`, questions about recorded crashes in
+`counterfactual`.
+
+Inside, in the order of reading: `world`, `traffic`, `snapshot` (with `world_values`); `setting`; `scratch`; `keep`;
+`loop`. Within the loop: `decide` (what BVs draw; `steering`), `chances` (with which probability; `trucks`),
+`adversaries` (the critical BV), `av`, `av_kinds` and `av_flawed` (built-in AVs), `actions`, `motion`, `bicycle`,
+`rails`, `step` and `reach` (contact), `neighbours`, `sight`, `statistics` and `crossings`. Views: `observe`, `av_view`,
+`av_scene`, `av_features`. Callers: `drive` (whole tests), `runner`, `scripted`, `lockstep`, `recorder`, `harvest`.
 
 The package knows no file, no learner and no plot. The same seed, test and setting give the same bits on any machine,
 for any number of threads, through any of the callers (docs/design.md, ADR 20 and 21).
@@ -46,41 +43,26 @@ from typing import TYPE_CHECKING
 from cornerforge._doors import door
 
 if TYPE_CHECKING:
-    from cornerforge.sim import agents, drive_bv_outside, lockstep, statistics, steering, tracking
-    from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND, hold, ordered_lane, start_lane_change
-    from cornerforge.sim.av_features import AV_FEATURES_VERSION, N_AV_FEATURES
+    from cornerforge.sim import av_scene, bicycle, lockstep, statistics, steering
+    from cornerforge.sim.actions import (
+        HIGHEST_COMMAND,
+        LOWEST_COMMAND,
+        hold,
+        nearest_action,
+        ordered_lane,
+        start_lane_change,
+    )
+    from cornerforge.sim.adversaries import choose_action
+    from cornerforge.sim.av import av_decide
+    from cornerforge.sim.av_features import AV_FEATURES_VERSION, N_AV_FEATURES, av_order, look_as_av
     from cornerforge.sim.av_kinds import DECIDES_EVERY, built_in_av_decides
-    from cornerforge.sim.av_scene import SCENE_COLUMNS, show_to_av
     from cornerforge.sim.av_view import AV_VIEW_VERSION, VIEW_COLUMNS, VIEW_ROWS
-    from cornerforge.sim.bicycle import MOST_LATERAL_ACCELERATION
-    from cornerforge.sim.braking import lateral_plan, manoeuvre_begin
     from cornerforge.sim.chances import action_probabilities, allocate_starter_scratch, lane_wishes, return_chance
-    from cornerforge.sim.crash_cases import CrashCases, Verdict, recordings_of_harvest
-    from cornerforge.sim.drive import drive_range
-    from cornerforge.sim.drive_av import (
-        AV_DECISIONS,
-        HOSTILE,
-        AvReward,
-        allocate_av_actors,
-        collect_av,
-        start_av_worlds,
-    )
-    from cornerforge.sim.drive_bv import (
-        FINISHED,
-        Actors,
-        Exploring,
-        Transitions,
-        allocate_actors,
-        allocate_history,
-        collect,
-        start_worlds,
-    )
-    from cornerforge.sim.harvest import LIMITS, Buffers, Harvest, allocate_harvest, harvest_range, is_full
-    from cornerforge.sim.judge import judge_crashes
+    from cornerforge.sim.drive import drive_test
+    from cornerforge.sim.harvest import LIMITS, Buffers, Harvest, allocate_harvest, harvest_range, is_full, keep_driven
     from cornerforge.sim.keep import (
         Keep,
         Outcomes,
-        allocate_decisions,
         allocate_outcomes,
         allocate_windows,
         keep_nothing,
@@ -96,21 +78,13 @@ if TYPE_CHECKING:
         advance,
         answer_as_av,
         answer_as_bv,
+        look_as_bv,
     )
-    from cornerforge.sim.motion import move_vehicle
-    from cornerforge.sim.neighbours import SIGHT, sort_by_x
+    from cornerforge.sim.motion import go_on, move_vehicle
+    from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
     from cornerforge.sim.observe import N_OBSERVATION, N_OWN, OBSERVATION_VERSION, budget_units
-    from cornerforge.sim.rails import NO_RAILS, Rails, rails_of
+    from cornerforge.sim.rails import Rails, rails_of
     from cornerforge.sim.recorder import Recorder, case_of, scenario_digest
-    from cornerforge.sim.rewards import (
-        DRIVER,
-        REWARDS,
-        Reward,
-        RewardNumbers,
-        driver_of_reward,
-        reward_named,
-        reward_numbers,
-    )
     from cornerforge.sim.runner import (
         DriveChunk,
         Tally,
@@ -126,7 +100,6 @@ if TYPE_CHECKING:
         NATURAL,
         START_FIELDS,
         TRAITS,
-        Asked,
         Ending,
         Script,
         ScriptDriver,
@@ -153,8 +126,9 @@ if TYPE_CHECKING:
         cast_of,
         is_outside,
     )
+    from cornerforge.sim.sight import DECIDED
     from cornerforge.sim.snapshot import branch_of, copy_of, packed, unpacked
-    from cornerforge.sim.step import SUBSTEPS, allocate_recording
+    from cornerforge.sim.step import SUBSTEPS, allocate_recording, bring_up_to_date, forget_frames
     from cornerforge.sim.traffic import naming_tests, reset_world
     from cornerforge.sim.world import (
         AV_CRASH,
@@ -168,6 +142,7 @@ if TYPE_CHECKING:
         all_current,
         allocate_worlds,
         arrays_of,
+        moment_of,
         n_slots,
         path_of,
         world_of,
@@ -175,27 +150,24 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
-    "ADVERSARIES", "AV_CRASH", "AV_DECISIONS", "AV_FAULT", "AV_FEATURES_VERSION", "AV_MUST_ANSWER",
-    "AV_VIEW_VERSION", "BUILT_IN", "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDES_EVERY", "DRIVER", "FINISHED",
-    "HIGHEST_COMMAND", "HOSTILE", "IDM_BVS", "LEARNED_WIDTH", "LIMITS", "LOWEST_COMMAND", "MAX_BRANCH", "MILESTONE",
-    "MOST_LATERAL_ACCELERATION", "NATURAL", "NATURALISTIC", "NEVER", "NOBODY", "NO_CAST", "NO_RAILS",
-    "N_AV_FEATURES", "N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "OUTSIDE", "OVER", "POLICY", "RAILS",
-    "RECORDED", "REWARDS", "RUNNING", "SCENE_COLUMNS", "SCRIPTED", "SIGHT", "START_FIELDS", "STEERED", "SUBSTEPS",
-    "TIME_UP", "TOLD", "TRAITS", "VIEW_COLUMNS", "VIEW_ROWS", "Actors", "Asked", "AvReward", "Buffers",
-    "Controllers", "CrashCases", "DriveChunk", "Ending", "Exploring", "Harvest", "Keep", "Outcomes", "Rails",
-    "Recorder", "Reward", "RewardNumbers", "Scratch", "Script", "ScriptDriver", "Setting", "Tally", "Transitions",
-    "Verdict", "World", "action_probabilities", "advance", "agents", "all_current", "allocate_actors",
-    "allocate_av_actors", "allocate_decisions", "allocate_harvest", "allocate_history", "allocate_outcomes",
-    "allocate_recording", "allocate_scratch", "allocate_starter_scratch", "allocate_windows", "allocate_worlds",
-    "answer_as_av", "answer_as_bv", "answer_width", "arrays_of", "average_traits", "branch_of", "budget_units",
-    "built_in_av_decides", "case_of", "cast_of", "collect", "collect_av", "copy_of", "crashed_tests",
-    "drive_bv_outside", "drive_chunk", "drive_chunk_by_window", "drive_range", "driver_of_reward", "harvest_range",
-    "hold", "is_full", "is_outside", "judge_crashes", "keep_nothing", "keep_whole_test", "lane_wishes",
-    "lateral_plan", "lockstep", "manoeuvre_begin", "move_vehicle", "n_slots", "naming_tests", "ordered_lane",
-    "packed", "path_of", "rails_of", "recordings_of_harvest", "reset_world", "return_chance", "reward_named",
-    "reward_numbers", "scenario_digest", "scripted_start", "show_to_av", "simulate", "simulate_chunks", "sort_by_x",
-    "start_av_worlds", "start_lane_change", "start_worlds", "statistics", "steering", "tracking", "unpacked",
-    "warm_up", "warn_of_left_out", "world_of", "world_row", "write_outcome",
+    "ADVERSARIES", "AV_CRASH", "AV_FAULT", "AV_FEATURES_VERSION", "AV_MUST_ANSWER", "AV_VIEW_VERSION", "BUILT_IN",
+    "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDED", "DECIDES_EVERY", "HIGHEST_COMMAND", "IDM_BVS",
+    "LEARNED_WIDTH", "LIMITS", "LOWEST_COMMAND", "MAX_BRANCH", "MILESTONE", "NATURAL", "NATURALISTIC", "NEVER",
+    "NOBODY", "NO_CAST", "N_AV_FEATURES", "N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "OUTSIDE", "OVER",
+    "POLICY", "RAILS", "RECORDED", "RUNNING", "SCRIPTED", "SIGHT", "START_FIELDS", "STEERED", "SUBSTEPS", "TIME_UP",
+    "TOLD", "TRAITS", "VIEW_COLUMNS", "VIEW_ROWS", "Buffers", "Controllers", "DriveChunk", "Ending", "Harvest",
+    "Keep", "Outcomes", "Rails", "Recorder", "Scratch", "Script", "ScriptDriver", "Setting", "Tally", "World",
+    "action_probabilities", "advance", "all_current", "allocate_harvest", "allocate_outcomes", "allocate_recording",
+    "allocate_scratch", "allocate_starter_scratch", "allocate_windows", "allocate_worlds", "answer_as_av",
+    "answer_as_bv", "answer_width", "arrays_of", "av_decide", "av_order", "av_scene", "average_traits", "bicycle",
+    "branch_of", "bring_up_to_date", "budget_units", "built_in_av_decides", "case_of", "cast_of", "choose_action",
+    "copy_of", "crashed_tests", "drive_chunk", "drive_chunk_by_window", "drive_test", "forget_frames", "go_on",
+    "harvest_range", "hold", "is_full", "is_outside", "keep_driven", "keep_nothing", "keep_whole_test",
+    "lane_wishes", "lockstep", "look_as_av", "look_as_bv", "moment_of", "move_vehicle", "n_slots", "naming_tests",
+    "nearest_action", "neighbours_in_lane", "ordered_lane", "packed", "path_of", "rails_of", "reset_world",
+    "return_chance", "scenario_digest", "scripted_start", "simulate", "simulate_chunks", "sort_by_x",
+    "start_lane_change", "statistics", "steering", "unpacked", "warm_up", "warn_of_left_out", "world_of",
+    "world_row", "write_outcome",
 ]  # fmt: skip
 
 FOR_PROGRAMS = (
@@ -208,7 +180,7 @@ FOR_PROGRAMS = (
 
 _PLACES: dict[str, tuple[str, ...]] = {
     # state
-    "world": ("MAX_BRANCH", "world_row",
+    "world": ("moment_of", "MAX_BRANCH", "world_row",
         "World", "allocate_worlds", "world_of", "n_slots", "arrays_of", "all_current", "path_of", "RUNNING",
         "COMPLETED", "TIME_UP", "AV_CRASH", "BV_CRASH", "AV_FAULT",
     ),
@@ -221,55 +193,45 @@ _PLACES: dict[str, tuple[str, ...]] = {
     ),
     "av_kinds": ("DECIDES_EVERY", "built_in_av_decides"),
     # advance
-    "loop": (
+    "loop": ("look_as_bv",
         "advance", "NEVER", "OVER", "MILESTONE", "AV_MUST_ANSWER", "BV_MUST_ANSWER", "answer_as_av", "answer_as_bv",
     ),
     "scratch": ("Scratch", "allocate_scratch", "warn_of_left_out", "LEARNED_WIDTH"),
-    "step": ("SUBSTEPS", "allocate_recording"),
-    "motion": ("move_vehicle",),
-    "bicycle": ("MOST_LATERAL_ACCELERATION",),
+    "step": ("bring_up_to_date", "forget_frames", "SUBSTEPS", "allocate_recording"),
+    "motion": ("go_on", "move_vehicle",),
     # drive
     "runner": (
         "simulate", "Tally", "simulate_chunks", "DriveChunk", "drive_chunk", "drive_chunk_by_window", "crashed_tests",
         "warm_up",
     ),
-    "drive": ("drive_range",),
-    "judge": ("judge_crashes",),
+    "drive": ("drive_test", ),
     "scripted": (
-        "Asked", "Script", "ScriptDriver", "Ending", "NATURAL", "START_FIELDS", "TRAITS", "average_traits",
+        "Script", "ScriptDriver", "Ending", "NATURAL", "START_FIELDS", "TRAITS", "average_traits",
         "scripted_start",
     ),
     # keep
     "keep": (
         "Keep", "keep_nothing", "keep_whole_test", "Outcomes", "allocate_outcomes", "write_outcome",
-        "allocate_decisions", "allocate_windows",
+        "allocate_windows",
     ),
-    "rails": ("NO_RAILS", "Rails", "rails_of"),
+    "rails": ("Rails", "rails_of"),
     "recorder": ("Recorder", "case_of", "scenario_digest"),
-    "harvest": ("LIMITS", "Harvest", "Buffers", "allocate_harvest", "harvest_range", "is_full"),
+    "harvest": ("keep_driven", "LIMITS", "Harvest", "Buffers", "allocate_harvest", "harvest_range", "is_full"),
     # views
     "observe": ("N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "budget_units"),
     "av_view": ("AV_VIEW_VERSION", "VIEW_ROWS", "VIEW_COLUMNS"),
-    "av_scene": ("show_to_av", "SCENE_COLUMNS",),
-    "av_features": ("AV_FEATURES_VERSION", "N_AV_FEATURES"),
-    "neighbours": ("sort_by_x", "SIGHT",),
+    "av_features": ("look_as_av", "av_order", "AV_FEATURES_VERSION", "N_AV_FEATURES"),
+    "neighbours": ("neighbours_in_lane", "sort_by_x", "SIGHT",),
     # parts
-    "actions": ("LOWEST_COMMAND", "HIGHEST_COMMAND", "hold", "start_lane_change", "ordered_lane"),
+    "actions": ("nearest_action", "LOWEST_COMMAND", "HIGHEST_COMMAND", "hold", "start_lane_change", "ordered_lane"),
     "chances": ("return_chance", "lane_wishes", "action_probabilities", "allocate_starter_scratch"),
-    "braking": ("manoeuvre_begin", "lateral_plan"),
     # training
-    "rewards": (
-        "DRIVER", "REWARDS", "Reward", "RewardNumbers", "driver_of_reward", "reward_named", "reward_numbers",
-    ),
-    "crash_cases": ("CrashCases", "Verdict", "recordings_of_harvest"),
-    "drive_bv": (
-        "Actors", "Exploring", "FINISHED", "Transitions", "allocate_actors", "allocate_history", "collect",
-        "start_worlds",
-    ),
-    "drive_av": ("AV_DECISIONS", "HOSTILE", "AvReward", "allocate_av_actors", "collect_av", "start_av_worlds"),
     # trees
+    "adversaries": ("choose_action",),
+    "av": ("av_decide",),
+    "sight": ("DECIDED",),
     # modules
-    "": ("steering", "lockstep", "tracking", "drive_bv_outside", "agents", "statistics", ),
+    "": ("av_scene", "bicycle", "lockstep", "statistics", "steering"),
 }  # fmt: skip
 """By module, the names that it gives; modules that are given as a whole come last."""
 

@@ -27,6 +27,7 @@ from cornerforge.sim.av_view import (
     SPEED,
     THERE,
     VIEW_ROWS,
+    view_of_av,
 )
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, ACTION_SIDES, FIRST_ACCELERATION, N_ACTIONS
 
@@ -34,10 +35,12 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from cornerforge.drivers.sight import SightNumbers
     from cornerforge.road.straight import RoadNumbers
+    from cornerforge.sim.scratch import AvScratch
     from cornerforge.sim.world import World
 
-__all__ = ["AV_FEATURES_VERSION", "N_AV_FEATURES", "av_actions_allowed", "av_features", "av_order"]
+__all__ = ["AV_FEATURES_VERSION", "N_AV_FEATURES", "av_actions_allowed", "av_features", "av_order", "look_as_av"]
 
 AV_FEATURES_VERSION = 2
 """Raised whenever the meaning of an entry changes; stored with every learned AV.
@@ -128,3 +131,14 @@ def av_order(w: World, action: int, accelerations: NDArray[np.float64]) -> tuple
     if action >= FIRST_ACCELERATION:
         return accelerations[action - FIRST_ACCELERATION], lane
     return 0.0, lane + ACTION_SIDES[action]
+
+
+@inlined_kernel
+def look_as_av(
+    w: World, road: RoadNumbers, sight: SightNumbers, s: AvScratch, features: NDArray[np.float32],
+    allowed: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """Fill what the learned AV sees, float32 (N_AV_FEATURES,), and the actions that it may take, bool (33,)."""
+    view_of_av(w, road, sight, s.found, s.seen)
+    av_features(s.seen, road, features)
+    av_actions_allowed(w, road, allowed)

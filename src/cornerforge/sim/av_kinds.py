@@ -18,9 +18,8 @@ from cornerforge.drivers.policy import best_action, q_values
 from cornerforge.drivers.rss import rss_braking, rss_distance
 from cornerforge.road.straight import ahead_by, gap, half_lengths, half_widths, lane_of
 from cornerforge.sim.av import av_decide, lead_acceleration, must_give_way, side_gain
-from cornerforge.sim.av_features import av_actions_allowed, av_features, av_order
+from cornerforge.sim.av_features import av_order, look_as_av
 from cornerforge.sim.av_flawed import flawed
-from cornerforge.sim.av_view import view_of_av
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane
 from cornerforge.sim.sight import lane_entered
 from cornerforge.types import ACCELERATIONS, FRAME_S
@@ -192,9 +191,7 @@ def _learned(w: World, substep: int, road: RoadNumbers, av: AvNumbers, s: AvScra
     v = w.vehicles
     if substep % DECIDES_EVERY != 0:
         return v[0].commanded, v[0].target_lane
-    view_of_av(w, road, av.sight, s.found, s.seen)
-    av_features(s.seen, road, s.features)
-    av_actions_allowed(w, road, s.allowed)
+    look_as_av(w, road, av.sight, s, s.features, s.allowed)
     q_values(av.network, s.features, s.layers, s.q)
     return av_order(w, best_action(s.q, s.allowed), _ACCELERATIONS)
 

@@ -45,7 +45,29 @@ if TYPE_CHECKING:
     from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.world import World
 
-__all__ = ["SCENE_COLUMNS", "scene_of_av", "show_to_av"]
+__all__ = [
+    "AX",
+    "AY",
+    "CURVATURE",
+    "HEADING",
+    "ID",
+    "INDICATOR",
+    "KIND",
+    "LANE",
+    "LEFT_TO_DRIVE",
+    "LENGTH",
+    "SCENE_COLUMNS",
+    "TARGET_LANE",
+    "TIME",
+    "VX",
+    "VY",
+    "WIDTH",
+    "YAW_RATE",
+    "X",
+    "Y",
+    "scene_of_av",
+    "show_to_av",
+]  # fmt: skip
 
 (
     ID, KIND, LENGTH, WIDTH, X, Y, HEADING, VX, VY, AX, AY, YAW_RATE, INDICATOR, LANE, TIME, LEFT_TO_DRIVE, CURVATURE,

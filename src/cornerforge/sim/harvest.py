@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.fields import CASE_ROW, HISTORY_SHAPE, REALS
+from cornerforge.fields import CASE_ROW, HISTORY_SHAPE, REALS, SERIES
+from cornerforge.recordings import BODY_FIELDS, Recordings, recordings_of_columns
 from cornerforge.road.straight import ahead_by, half_lengths, half_widths
 from cornerforge.sim.drive import drive_test
 from cornerforge.sim.keep import write_outcome
@@ -128,6 +129,31 @@ class Harvest(NamedTuple):
     def n_cases(self) -> int:
         """Number of cases."""
         return int(self.filled[CASES_KEPT])
+
+    def recordings(self) -> Recordings:
+        """Take the motion of all cases, at least one, as a library that stores them gives it back.
+
+        The arrays are those of the harvest: judge before it is filled again.
+        """
+        rows = self.rows[: self.n_cases]
+        frames, vehicles = rows["n_frames"].astype(np.int64), rows["n_kept"].astype(np.int64)
+        size, stored = int(vehicles.sum()), int((frames * vehicles).sum())
+        bodies = np.zeros(size, dtype=BODY_FIELDS)
+        for name in BODY_FIELDS.names or ():
+            bodies[name] = getattr(self, name)[:size]
+        reals = dict(zip(REALS, self.reals, strict=True))
+        return recordings_of_columns(
+            names=np.stack([rows["seed"], rows["test"]], axis=1),
+            frames=frames,
+            vehicles=vehicles,
+            last=frames - 1,
+            slot=self.slot[:size],
+            bv_slot=rows["bv_slot"].astype(np.int64),
+            bodies=bodies,
+            states={
+                one.name: (reals[one.name] if one.name in reals else getattr(self, one.name))[:stored] for one in SERIES
+            },
+        )
 
     @property
     def digested(self) -> tuple[int, int]:

@@ -12,10 +12,8 @@ from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
 from cornerforge.fields import BODY, FRAME_FIELDS, REALS, SERIES
 from cornerforge.road.straight import road_numbers
-from cornerforge.sim.braking import Braking
 from cornerforge.sim.drive import drive_test
 from cornerforge.sim.harvest import NEAR_M, CaseName, Harvest, Recorded, allocate_harvest, keep_case, keep_driven
-from cornerforge.sim.judge import judge_crash
 from cornerforge.sim.keep import Decisions, Keep, keep_whole_test
 from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import Setting
@@ -61,17 +59,19 @@ class Recorder:
         """Drive the test in `_world` and keep it in `_keep`."""
         drive_test(self._world, seed, test, self._setting, self._scratch, self._keep)
 
-    def _record(self, seed: int, test: int) -> None:
+    def drive(self, seed: int, test: int) -> tuple[World, Keep]:
+        """Drive one test; returns its world and all that was kept of it, both overwritten by the next test."""
         check_integer("seed", seed, low=0, high=2**63 - 1)
         check_integer("test", test, low=0, high=2**62)
         self._keep.recording["present"] = 0
         with naming_tests(self._world):
             self._drive(seed, test)
         warn_of_left_out(self._scratch)
+        return self._world, self._keep
 
     def record(self, seed: int, test: int) -> Scenario:
         """Drive one test and return all of it: all vehicles, every 0.1 s."""
-        self._record(seed, test)
+        self.drive(seed, test)
         return self._scenario(seed, test)
 
     def _scenario(self, seed: int, test: int) -> Scenario:
@@ -79,25 +79,13 @@ class Recorder:
         slots = np.arange(int(self._world.state["n_vehicles"][0]), dtype=np.int16)
         return scenario_of(self._world, self._keep, slots, self._odd, seed, test)
 
-    def judge(self, seed: int, test: int, braking: Braking) -> tuple[bool, bool]:
-        """Drive one test and judge its crash of the AV (`judge.judge_crash`); twice False where it holds none.
-
-        Returns:
-            Whether the AV struck, and whether braking would have avoided the crash.
-        """
-        self._record(seed, test)
-        if int(self._world.state["outcome"][0]) != AV_CRASH:
-            return False, False
-        strikes, avoidable = judge_crash(self._world, self._keep.recording, self._setting, braking)
-        return bool(strikes), bool(avoidable)
-
     def keep(self, seed: int, test: int, harvest: Harvest) -> None:
         """Drive one test that ends in a crash of the AV and append it to `harvest`, which must not be full.
 
         Raises:
             InputError: The test does not end in a crash of the AV.
         """
-        self._record(seed, test)
+        self.drive(seed, test)
         if int(self._world.state["outcome"][0]) != AV_CRASH:
             raise InputError(f"Test {seed}:{test} holds no crash of the AV; only AV crashes are cases.")
         keep_driven(self._world, self._setting, self._keep, harvest)

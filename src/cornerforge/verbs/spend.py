@@ -21,6 +21,7 @@ import numpy as np
 from cornerforge._words import spoken
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.verdicts import count_paid
+from cornerforge.adversary.worlds import reward_numbers
 from cornerforge.errors import InputError
 from cornerforge.execution import cpu_seconds
 from cornerforge.execution.progress import Progress, moving
@@ -40,7 +41,7 @@ from cornerforge.rates.monte_carlo import Block, MonteCarlo
 from cornerforge.rates.plain import PlainTests
 from cornerforge.results import Analysed, NaturalRate, RunDone, Simulated
 from cornerforge.results.whole import Spending, SpentOn
-from cornerforge.sim import Tally, crashed_tests, reward_numbers, simulate_chunks, statistics
+from cornerforge.sim import Tally, crashed_tests, simulate_chunks, statistics
 from cornerforge.types import FRAME_S, METRES_PER_MILE
 from cornerforge.verbs.analyse import analyse
 from cornerforge.verbs.rate import PLAIN_TESTS, rate

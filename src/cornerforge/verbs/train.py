@@ -15,6 +15,7 @@ from cornerforge._locks import claims
 from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.verdicts import count_paid, verdict_of
+from cornerforge.adversary.worlds import judge_crashes, judge_test, reward_numbers
 from cornerforge.errors import OutputError
 from cornerforge.execution.progress import NO_PROGRESS, Progress, moving
 from cornerforge.experiment.counting import CHUNK, check_not_all_spoiled, rate_summary
@@ -28,14 +29,14 @@ from cornerforge.ndd.model import model_hash
 from cornerforge.results import Trained
 from cornerforge.results.learning import Baseline
 from cornerforge.results.rates import Yield
-from cornerforge.sim import ADVERSARIES, NO_CAST, Tally, crashed_tests, judge_crashes, reward_numbers, simulate_chunks
+from cornerforge.sim import ADVERSARIES, NO_CAST, Tally, crashed_tests, simulate_chunks
 from cornerforge.world_options import WorldKeywords, WorldOptions
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.adversary.train import CurvePoint, TrainResult
-    from cornerforge.sim import RewardNumbers
+    from cornerforge.adversary.worlds import RewardNumbers
 
 __all__ = [
     "BASELINES",
@@ -207,7 +208,7 @@ def evaluate(
         run: The experiment.
         tests: Number of tests, at least 1.
         seed: Seed of the tests.
-        delay_s: The AV's time to react, for `sim.braking.is_avoidable` [s].
+        delay_s: The AV's time to react, for `counterfactual.braking.is_avoidable` [s].
         reward: Name of the reward whose crashes are counted if it is judged by cases.
         threads: None for all cores; does not change the result.
         progress: Told how far it is.
@@ -258,7 +259,9 @@ def judge(
     if run.foreign is None:
         return judge_crashes(run.setting, run.slots, seed=seed, tests=crashed, braking=reward.braking, threads=threads)
     recorder = run.recorder()
-    judged = np.array([recorder.judge(seed, test, reward.braking) for test in crashed], dtype=np.bool_).reshape(-1, 2)
+    judged = np.array(
+        [judge_test(recorder, run.setting, seed, test, reward.braking) for test in crashed], dtype=np.bool_
+    ).reshape(-1, 2)
     return judged[:, 0], judged[:, 1]
 
 
@@ -317,8 +320,8 @@ def train(
         out: Policy file, `.safetensors`; must not exist unless `resume`. Date and duration of the training stand in
             `NAME.provenance.json` beside it, so that the same training gives a policy of the same bytes.
         preset: "fast" or "paper".
-        reward: Which crashes of the AV give a reward: a name of `sim.rewards.REWARDS`; `preventable:DRIVER` names the
-            reference driver.
+        reward: Which crashes of the AV give a reward: a name of `adversary.worlds.rewards.REWARDS`;
+            `preventable:DRIVER` names the reference driver.
         delay: For the reward `avoidable`, and for counting avoidable crashes: the AV's time to react [s].
         decisions: Length in decisions; None for the preset's. The same seed and decisions give the same weights
             (PyTorch may round differently on another processor; the weights then differ).

@@ -14,29 +14,31 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge._words import shown
+from cornerforge.adversary.worlds import (
+    FINISHED,
+    Actors,
+    CrashCases,
+    Group,
+    RewardNumbers,
+    Verdict,
+    agents,
+    allocate_history,
+)
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.experiment.setting import Experiment
 from cornerforge.ext.gym.misuse import ClosedError, ResetNeededError
 from cornerforge.ext.gym.spaces import av_commands
-from cornerforge.foreign.collector import Group
 from cornerforge.sim import (
     AV_CRASH,
     AV_FAULT,
     BV_CRASH,
     COMPLETED,
-    FINISHED,
     OUTSIDE,
     RUNNING,
     TIME_UP,
     TOLD,
-    Actors,
-    CrashCases,
-    RewardNumbers,
     Scratch,
-    Verdict,
     World,
-    agents,
-    allocate_history,
     allocate_scratch,
     keep_nothing,
     naming_tests,

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from cornerforge.adversary.verdicts import verdict_of
+from cornerforge.adversary.worlds import reward_numbers
 from cornerforge.errors import InputError
 from cornerforge.experiment.setting import check_threads, experiment
 from cornerforge.ext.gym.batch import AvBatch, BvBatch
-from cornerforge.sim import reward_numbers
 from cornerforge.world_options import WorldOptions
 
 __all__ = ["adversary_batch", "driving_batch"]

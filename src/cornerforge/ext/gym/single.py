@@ -134,7 +134,7 @@ class AdversaryEnv(_SingleEnv):
     Observation: float32 (41,), `sim.observe.observe`. Action: one of 33, see `info["action_mask"]`.
 
     Args:
-        reward: One of `sim.rewards.REWARDS`.
+        reward: One of `adversary.worlds.rewards.REWARDS`.
         delay: For `avoidable`: the AV's time to react [s], 0 to 10.
         render_mode: None or "rgb_array".
         world: `av` (a built-in one), `odd`, `lanes`, `model` and `bounded`, as in `WorldOptions`; with `bounded` the

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge.adversary.config import TrainConfig, preset_named
+from cornerforge.adversary.worlds import REWARDS, reward_numbers
 from cornerforge.analysis.crash_types import CRASH_TYPES, STRIKERS
 from cornerforge.analysis.mechanism import crash_types_of
 from cornerforge.drivers.avs import AVS, av_hash
@@ -21,13 +22,7 @@ from cornerforge.experiment.policy_file import Policy, load_policy, policy_hash,
 from cornerforge.experiment.setting import Experiment, check_threads, experiment
 from cornerforge.ndd.model import model_hash
 from cornerforge.results import as_json
-from cornerforge.sim import (
-    REWARDS,
-    Tally,
-    crashed_tests,
-    reward_numbers,
-    simulate_chunks,
-)
+from cornerforge.sim import Tally, crashed_tests, simulate_chunks
 from cornerforge.verbs.train import (
     EVALUATION_TESTS,
     checkpoint_beside,

@@ -26,8 +26,7 @@ from cornerforge.experiment.setting import Experiment
 from cornerforge.ext.calibrate.uncertainty import check_drawable, drawn_model, drawn_variations
 from cornerforge.fields import Field
 from cornerforge.ndd.model import NddModel, model_hash
-from cornerforge.rates.branching.drive import TreeDriver, drive_trees
-from cornerforge.rates.branching.population import Plan
+from cornerforge.rates.branching import Plan, TreeDriver, drive_trees
 from cornerforge.rates.model_uncertainty import (
     FEWEST_DRAWS,
     effective_counts,

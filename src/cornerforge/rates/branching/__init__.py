@@ -10,4 +10,27 @@ with), `schedule` and `foreign` (AVs outside the kernels), `drive` (ranges of te
 
 from __future__ import annotations
 
-__all__: list[str] = []
+from typing import TYPE_CHECKING
+
+from cornerforge._doors import door
+
+if TYPE_CHECKING:
+    from cornerforge.rates.branching import danger
+    from cornerforge.rates.branching.drive import BUILT_IN_TREES, DrivenTrees, TrainingTable, TreeDriver, drive_trees
+    from cornerforge.rates.branching.foreign import ForeignTrees
+    from cornerforge.rates.branching.population import Plan, Tilt, tree_of
+
+__all__ = [
+    "BUILT_IN_TREES", "DrivenTrees", "ForeignTrees", "Plan", "Tilt", "TrainingTable", "TreeDriver", "danger",
+    "drive_trees", "tree_of",
+]  # fmt: skip
+
+_PLACES: dict[str, tuple[str, ...]] = {
+    "": ("danger",),
+    "drive": ("BUILT_IN_TREES", "DrivenTrees", "TrainingTable", "TreeDriver", "drive_trees"),
+    "foreign": ("ForeignTrees",),
+    "population": ("Plan", "Tilt", "tree_of"),
+}  # fmt: skip
+"""By module, the names that it gives; modules that are given as a whole stand under the empty name."""
+
+__getattr__ = door(__name__, {name: module for module, names in _PLACES.items() for name in names})

@@ -12,7 +12,7 @@ import numpy as np
 
 from cornerforge._jit import kernel
 from cornerforge.rates.branching.splitting import branch_out, drive_on, start_tree
-from cornerforge.sim import AV_MUST_ANSWER, lockstep, show_to_av, world_row
+from cornerforge.sim import AV_MUST_ANSWER, av_scene, lockstep, world_row
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -104,7 +104,7 @@ def look(rows: NDArray[np.int64], seats: NDArray[np.int64], population: Populati
     """Write what the AV of each row sees into views[seat]."""
     for k in range(rows.size):
         w = world_row(population.pool.worlds, rows[k])
-        show_to_av(w, population.setting.road, population.scratch.av.found, views[seats[k]])
+        av_scene.show_to_av(w, population.setting.road, population.scratch.av.found, views[seats[k]])
 
 
 @kernel

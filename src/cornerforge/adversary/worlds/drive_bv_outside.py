@@ -15,21 +15,25 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._jit import kernel
-from cornerforge.sim.av_scene import show_to_av
-from cornerforge.sim.drive_bv import advance_again, choose, settle
-from cornerforge.sim.lockstep import answer_with
-from cornerforge.sim.loop import advance, answer_as_bv
-from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import AV_FAULT, RUNNING, World, world_row
+from cornerforge.adversary.worlds.drive_bv import advance_again, choose, settle
+from cornerforge.sim import (
+    AV_FAULT,
+    RUNNING,
+    World,
+    advance,
+    answer_as_bv,
+    av_scene,
+    lockstep,
+    reset_world,
+    world_row,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cornerforge.sim.drive_bv import Actors, Exploring, Transitions
-    from cornerforge.sim.keep import Keep
-    from cornerforge.sim.rewards import RewardNumbers
-    from cornerforge.sim.scratch import Scratch
-    from cornerforge.sim.setting import Setting
+    from cornerforge.adversary.worlds.drive_bv import Actors, Exploring, Transitions
+    from cornerforge.adversary.worlds.rewards import RewardNumbers
+    from cornerforge.sim import Keep, Scratch, Setting
 
 __all__ = ["abandon", "begin_seconds", "end_seconds", "go_on", "go_on_again", "look", "look_back", "running"]
 
@@ -49,7 +53,7 @@ def begin_seconds(rows: NDArray[np.int64], exploring: Exploring, actors: Actors,
     """Let the critical BV of each row choose, and note what it sees and does in the row's transition."""
     for k in range(rows.size):
         b = rows[k]
-        answer_as_bv(world_row(actors.worlds, b), choose(b, exploring, actors, s.choice, out))
+        answer_as_bv(world_row(actors.worlds, b), choose(b, exploring, actors, s, out))
 
 
 @kernel
@@ -61,7 +65,7 @@ def look(
     views[:] = 0.0
     for k in range(seats.size):
         w = world_row(worlds, rows[seats[k]])
-        show_to_av(w, setting.road, s.av.found, views[seats[k]])
+        av_scene.show_to_av(w, setting.road, s.av.found, views[seats[k]])
 
 
 @kernel
@@ -83,7 +87,7 @@ def go_on(
             history.answers[b, history.answered[b], k] = answers[seat, k]
         history.answered[b] += 1
         until = w.state[0].decisions + (1 if w.state[0].substep == 0 else 0)
-        answer_with(w, answers[seat], setting)
+        lockstep.answer_with(w, answers[seat], setting)
         advance(w, setting, s, keep, until)
 
 
@@ -117,5 +121,5 @@ def go_on_again(
     for k in range(seats.size):
         b = rows[seats[k]]
         w = world_row(again, seats[k])
-        answer_with(w, history.answers[b, moments[k]], setting)
+        lockstep.answer_with(w, history.answers[b, moments[k]], setting)
         advance_again(history, b, w, setting, s, keep)

@@ -6,13 +6,13 @@ import numpy as np
 from hand_built import setting_of
 
 from cornerforge.adversary.replay import allocate_transitions
+from cornerforge.adversary.worlds.drive_bv import Exploring, allocate_actors, collect, start_worlds
+from cornerforge.adversary.worlds.rewards import reward_numbers
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.chances import action_probabilities
-from cornerforge.sim.drive_bv import Exploring, allocate_actors, collect, start_worlds
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.observe import N_OBSERVATION, UNITS_PER_NAT, budget_units
-from cornerforge.sim.rewards import reward_numbers
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import TOLD, UNIFORM
 from cornerforge.sim.world import n_slots, world_of

@@ -20,9 +20,7 @@ from typing import TYPE_CHECKING
 
 from cornerforge._elementary import atan, sin_cos
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND
-from cornerforge.sim.av_scene import AX, CURVATURE, HEADING, LENGTH, VX, VY, X, Y
-from cornerforge.sim.bicycle import Motion, rear_axle_behind, roll, wheelbase_of
+from cornerforge.sim import HIGHEST_COMMAND, LOWEST_COMMAND, av_scene, bicycle
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -45,7 +43,7 @@ _DT = FRAME_S
 @kernel
 def wheelbase(length: float) -> float:
     """Distance of the axles [m] of a vehicle of a length [m]."""
-    distance: float = wheelbase_of(length)
+    distance: float = bicycle.wheelbase_of(length)
     return distance
 
 
@@ -62,7 +60,7 @@ def bend(answers: NDArray[np.float64], length: float) -> None:
         answers[b, 1] = math.nan
         if abs(angle) < _STEEPEST:
             sine, cosine = sin_cos(angle)
-            answers[b, 1] = sine / (cosine * wheelbase_of(length))
+            answers[b, 1] = sine / (cosine * bicycle.wheelbase_of(length))
 
 
 @inlined_kernel
@@ -133,10 +131,10 @@ def place_at(plan: NDArray[np.float64], n: int, t: float) -> tuple[float, float,
 
 
 @inlined_kernel
-def _control(plan: NDArray[np.float64], n: int, t: float, m: Motion, length: float) -> tuple[float, float]:
+def _control(plan: NDArray[np.float64], n: int, t: float, m: bicycle.Motion, length: float) -> tuple[float, float]:
     """Choose acceleration [m/s2] and curvature [1/m] for the step that begins at time t, by the law of tracking."""
     ahead, y, heading, speed = m.ahead, m.y, m.heading, m.speed
-    behind = rear_axle_behind(length)
+    behind = bicycle.rear_axle_behind(length)
     v = max(speed, _SLOWEST)
     late = behind / v
     px, py, vx, vy, _, _ = place_at(plan, n, t)
@@ -171,15 +169,17 @@ def track(
         road: Constants.
         controls: Receives an acceleration [m/s2] and a curvature [1/m] for each tenth of a second (`loop.steer_as_av`).
     """
-    length = own[LENGTH]
-    sine, cosine = sin_cos(own[HEADING])
-    speed = min(max(own[VX] * cosine + own[VY] * sine, 0.0), road.max_speed)
-    m = Motion(own[X], own[Y], own[HEADING], speed, own[AX], own[CURVATURE])
+    length = own[av_scene.LENGTH]
+    sine, cosine = sin_cos(own[av_scene.HEADING])
+    speed = min(max(own[av_scene.VX] * cosine + own[av_scene.VY] * sine, 0.0), road.max_speed)
+    m = bicycle.Motion(
+        own[av_scene.X], own[av_scene.Y], own[av_scene.HEADING], speed, own[av_scene.AX], own[av_scene.CURVATURE]
+    )
     for k in range(controls.size // 2):
         command, wish = _control(plan, n, k * _DT, m, length)
         controls[2 * k] = command
         controls[2 * k + 1] = wish
-        m = roll(m, command, wish, length, road)
+        m = bicycle.roll(m, command, wish, length, road)
 
 
 @kernel

@@ -11,25 +11,33 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cornerforge._jit import kernel
+from cornerforge.adversary.worlds.drive_bv import MAX_TRIES, History, reward_of, start_with_bv
 from cornerforge.road.straight import driven
-from cornerforge.sim.actions import ordered_lane
-from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
-from cornerforge.sim.drive_bv import MAX_TRIES, History, reward_of, start_with_bv
-from cornerforge.sim.loop import NEVER, advance, answer_as_av, answer_as_bv, look_as_bv
-from cornerforge.sim.observe import N_OBSERVATION
-from cornerforge.sim.sight import VISIBLE
-from cornerforge.sim.step import bring_up_to_date
-from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import RUNNING, World, allocate_worlds, world_row
+from cornerforge.sim import (
+    N_OBSERVATION,
+    NEVER,
+    RUNNING,
+    VIEW_COLUMNS,
+    VIEW_ROWS,
+    World,
+    advance,
+    allocate_worlds,
+    answer_as_av,
+    answer_as_bv,
+    av_scene,
+    bring_up_to_date,
+    look_as_bv,
+    ordered_lane,
+    reset_world,
+    world_row,
+)
 from cornerforge.types import ACTION_HOLD, FIRST_ACCELERATION, N_ACTIONS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cornerforge.sim.keep import Keep
-    from cornerforge.sim.rewards import RewardNumbers
-    from cornerforge.sim.scratch import Scratch
-    from cornerforge.sim.setting import Setting
+    from cornerforge.adversary.worlds.rewards import RewardNumbers
+    from cornerforge.sim import Keep, Scratch, Setting
 
 __all__ = [
     "MAX_TRIES",
@@ -227,7 +235,7 @@ def start_as_av(begin: int, end: int, setting: Setting, agents: AvAgents, s: Scr
         if agents.chosen[b]:
             w = world_row(agents.worlds, b)
             reset_world(w, agents.seeds[b], agents.tests[b], setting)
-            view_of_av(w, setting.road, VISIBLE, s.av.found, agents.seen[b])
+            av_scene.show_to_av(w, setting.road, s.av.found, agents.seen[b])
 
 
 @kernel
@@ -250,4 +258,4 @@ def drive_on_as_av(begin: int, end: int, setting: Setting, agents: AvAgents, s: 
         advance(w, setting, s, keep, NEVER)
         agents.outcome[b] = w.state[0].outcome
         agents.metres[b] = driven(w.vehicles, 0, setting.road) - before
-        view_of_av(w, setting.road, VISIBLE, s.av.found, agents.seen[b])
+        av_scene.show_to_av(w, setting.road, s.av.found, agents.seen[b])

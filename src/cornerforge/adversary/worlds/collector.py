@@ -13,23 +13,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge.adversary.worlds import drive_bv_outside as outside
+from cornerforge.adversary.worlds.drive_bv import allocate_history
 from cornerforge.errors import AvFaultError
 from cornerforge.foreign.driver import Fault, ForeignAv, answers_per_second, seeds_of, usable
 from cornerforge.foreign.process import AvFailureError
-from cornerforge.sim import (
-    World,
-    allocate_history,
-    allocate_scratch,
-    allocate_worlds,
-    answer_width,
-    keep_nothing,
-    warn_of_left_out,
-)
-from cornerforge.sim import drive_bv_outside as outside
+from cornerforge.sim import World, allocate_scratch, allocate_worlds, answer_width, keep_nothing, warn_of_left_out
 
 if TYPE_CHECKING:
+    from cornerforge.adversary.worlds.drive_bv import Actors, Exploring, Transitions
+    from cornerforge.adversary.worlds.rewards import RewardNumbers
     from cornerforge.foreign.answers import Carried
-    from cornerforge.sim import Actors, Exploring, RewardNumbers, Setting, Transitions
+    from cornerforge.sim import Setting
 
 __all__ = ["ForeignCollector", "Group"]
 
@@ -39,7 +34,7 @@ _MOST_TOGETHER = 3
 
 
 class ForeignCollector:
-    """Does for a foreign AV what `sim.collect` does for a built-in one, to the same bits if the AVs are the same.
+    """Does for a foreign AV what `drive_bv.collect` does for a built-in one, to the same bits if the AVs are the same.
 
     Args:
         av: The AV.
@@ -64,7 +59,7 @@ class ForeignCollector:
         self._groups[0].warm_up(exploring, reward, out)
 
     def collect(self, exploring: Exploring, reward: RewardNumbers, out: Transitions) -> None:
-        """Drive all worlds for one decision, as `sim.collect` does.
+        """Drive all worlds for one decision, as `drive_bv.collect` does.
 
         Raises:
             AvFaultError: The AV failed in too many tests.

@@ -12,53 +12,33 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cornerforge._jit import kernel
-from cornerforge.fields import REALS, SERIES
-from cornerforge.recordings import BODY_FIELDS, Recordings, recordings_of_columns
-from cornerforge.sim.drive_bv import History, drive_again
-from cornerforge.sim.harvest import CASES_KEPT, allocate_harvest, is_full, keep_driven
-from cornerforge.sim.keep import keep_whole_test
-from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
-from cornerforge.sim.step import forget_frames
-from cornerforge.sim.world import World, allocate_worlds, world_of, world_row
+from cornerforge.adversary.worlds.drive_bv import History, drive_again
+from cornerforge.recordings import Recordings
+from cornerforge.sim import (
+    World,
+    allocate_harvest,
+    allocate_scratch,
+    allocate_worlds,
+    forget_frames,
+    is_full,
+    keep_driven,
+    keep_whole_test,
+    warn_of_left_out,
+    world_of,
+    world_row,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cornerforge.sim.harvest import Harvest
-    from cornerforge.sim.keep import Keep
-    from cornerforge.sim.scratch import Scratch
-    from cornerforge.sim.setting import Setting
+    from cornerforge.sim import Harvest, Keep, Scratch, Setting
 
-__all__ = ["CrashCases", "Verdict", "recordings_of_harvest"]
+__all__ = ["CrashCases", "Verdict"]
 
 Verdict = Callable[[Recordings], "NDArray[np.bool_]"]
 """Says of each of C recorded crashes whether it is paid for, bool (C,)."""
 _ROOM = 64
 """Number of cases that are judged together."""
-
-
-def recordings_of_harvest(h: Harvest) -> Recordings:
-    """Take the motion of all cases of a harvest, at least one, as a library that stores them gives it back.
-
-    The arrays are those of the harvest: judge before it is filled again.
-    """
-    rows = h.rows[: h.n_cases]
-    frames, vehicles = rows["n_frames"].astype(np.int64), rows["n_kept"].astype(np.int64)
-    size, stored = int(vehicles.sum()), int((frames * vehicles).sum())
-    bodies = np.zeros(size, dtype=BODY_FIELDS)
-    for name in BODY_FIELDS.names or ():
-        bodies[name] = getattr(h, name)[:size]
-    reals = dict(zip(REALS, h.reals, strict=True))
-    return recordings_of_columns(
-        names=np.stack([rows["seed"], rows["test"]], axis=1),
-        frames=frames,
-        vehicles=vehicles,
-        last=frames - 1,
-        slot=h.slot[:size],
-        bv_slot=rows["bv_slot"].astype(np.int64),
-        bodies=bodies,
-        states={one.name: (reals[one.name] if one.name in reals else getattr(h, one.name))[:stored] for one in SERIES},
-    )
 
 
 class _Room(NamedTuple):
@@ -82,20 +62,22 @@ def _keep_crashes(
         setting: The run, whose critical BV is TOLD.
         room: To drive in.
         keep: Keeps one whole test; all vehicles are absent before and after.
-        h: The columns to append to.
+        h: The columns to append to, without a case yet.
         kept: Receives the world of each case.
 
     Returns:
         The first world that was not looked at.
     """
     recording, again, s = keep.recording, room.again, room.scratch
+    n = 0
     for b in range(first, history.crashed.size):
         if history.crashed[b] < 0:
             continue
         if is_full(h, recording.shape[0], recording.shape[1]):
             return b
         drive_again(history, b, world_row(worlds, b).state[0].seed, history.crashed[b], again, setting, s, keep)
-        kept[h.filled[CASES_KEPT]] = b
+        kept[n] = b
+        n += 1
         keep_driven(again, setting, keep, h)
         forget_frames(recording, again.state[0].frame + 1, again.vehicles.size)
     return history.crashed.size
@@ -136,7 +118,7 @@ class CrashCases:
             first = _keep_crashes(
                 first, worlds, history, self._setting, self._room, self._keep, self._harvest, self._kept
             )
-            verdict = self._verdict(recordings_of_harvest(self._harvest))
+            verdict = self._verdict(self._harvest.recordings())
             paid.append(self._kept[: verdict.size][verdict])
         warn_of_left_out(self._room.scratch)
         history.crashed[:] = -1

@@ -7,18 +7,25 @@ import pytest
 from hand_built import setting_of
 
 from cornerforge.adversary.replay import allocate_transitions
+from cornerforge.adversary.worlds.drive_bv import Exploring, allocate_actors, collect, start_worlds
+from cornerforge.adversary.worlds.judge import judge_crashes
+from cornerforge.adversary.worlds.rewards import (
+    REWARDS,
+    av_strikes,
+    driver_of_reward,
+    is_paid,
+    reward_named,
+    reward_numbers,
+)
 from cornerforge.analysis.contact import FRONT, find_contact
+from cornerforge.counterfactual.braking import Braking
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.ndd.model import NddModel
 from cornerforge.road.straight import road_numbers
-from cornerforge.sim.braking import Braking
-from cornerforge.sim.drive_bv import Exploring, allocate_actors, collect, start_worlds
-from cornerforge.sim.judge import judge_crashes
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.observe import N_OBSERVATION
-from cornerforge.sim.rewards import REWARDS, av_strikes, driver_of_reward, is_paid, reward_named, reward_numbers
 from cornerforge.sim.runner import drive_chunk
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import ADVERSARIES, TOLD

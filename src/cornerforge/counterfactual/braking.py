@@ -17,8 +17,7 @@ from cornerforge.errors import InputError
 from cornerforge.geometry import Box, boxes_overlap, path_at, plan_path
 from cornerforge.recordings import BODY_FIELDS, Trajectories, box_in, recordings_of_scenarios, unpack
 from cornerforge.road.straight import lane_centre, road_numbers
-from cornerforge.sim.motion import go_on
-from cornerforge.sim.step import allocate_recording
+from cornerforge.sim import allocate_recording, go_on
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:

@@ -12,12 +12,12 @@ from hand_built import setting_of
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cornerforge.adversary.worlds.judge import judge_crashes
+from cornerforge.counterfactual.braking import Braking, avoidable_by_braking, manoeuvre_begin
 from cornerforge.errors import InputError
 from cornerforge.geometry import Box, boxes_overlap, path_at, plan_path
 from cornerforge.ndd.model import NddModel
 from cornerforge.road.straight import road_numbers
-from cornerforge.sim.braking import Braking, avoidable_by_braking, manoeuvre_begin
-from cornerforge.sim.judge import judge_crashes
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import crashed_tests, simulate_chunks
 from cornerforge.sim.step import allocate_recording

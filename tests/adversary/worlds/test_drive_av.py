@@ -8,12 +8,12 @@ from hand_built import setting_of
 
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.train_av import AV_TRAINING
+from cornerforge.adversary.worlds.drive_av import HOSTILE, AvReward, allocate_av_actors, collect_av, start_av_worlds
+from cornerforge.adversary.worlds.drive_bv import Transitions
 from cornerforge.drivers.avs import AV_KINDS
 from cornerforge.drivers.policy import NO_POLICY, NetworkShape, PolicyNumbers, n_weights
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.av_features import N_AV_FEATURES
-from cornerforge.sim.drive_av import HOSTILE, AvReward, allocate_av_actors, collect_av, start_av_worlds
-from cornerforge.sim.drive_bv import Transitions
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import ADVERSARIES

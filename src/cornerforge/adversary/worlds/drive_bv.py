@@ -13,26 +13,35 @@ import numpy as np
 
 from cornerforge._jit import kernel
 from cornerforge._philox import PURPOSE_GUIDE, block, uniform
+from cornerforge.adversary.worlds.judge import judge_crash
+from cornerforge.adversary.worlds.rewards import AVOIDABLE, av_strikes, is_paid
 from cornerforge.errors import InputError
 from cornerforge.road.straight import ahead_by
-from cornerforge.sim.adversaries import choose_action
-from cornerforge.sim.judge import judge_crash
-from cornerforge.sim.keep import Keep, keep_nothing
-from cornerforge.sim.lockstep import answer_with
-from cornerforge.sim.loop import AV_MUST_ANSWER, BV_MUST_ANSWER, NEVER, advance, answer_as_bv, look_as_bv
-from cornerforge.sim.neighbours import nearest_bv
-from cornerforge.sim.rewards import AVOIDABLE, av_strikes, is_paid
-from cornerforge.sim.setting import SWERVE, UNIFORM, answer_width, is_outside
-from cornerforge.sim.step import SUBSTEPS, allocate_recording, forget_frames
-from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import (
+from cornerforge.sim import (
+    ADVERSARIES,
     AV_CRASH,
     AV_FAULT,
+    AV_MUST_ANSWER,
     BV_CRASH,
+    BV_MUST_ANSWER,
+    NEVER,
     RUNNING,
+    SUBSTEPS,
+    Keep,
     World,
+    advance,
+    allocate_recording,
     allocate_worlds,
+    answer_as_bv,
+    answer_width,
+    choose_action,
+    forget_frames,
+    is_outside,
+    keep_nothing,
+    lockstep,
+    look_as_bv,
     moment_of,
+    reset_world,
     world_of,
     world_row,
 )
@@ -41,10 +50,9 @@ from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, N_A
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from cornerforge.adversary.worlds.rewards import RewardNumbers
     from cornerforge.drivers.policy import PolicyNumbers
-    from cornerforge.sim.rewards import RewardNumbers
-    from cornerforge.sim.scratch import ChoiceScratch, Scratch
-    from cornerforge.sim.setting import Setting
+    from cornerforge.sim import Scratch, Setting
 
 __all__ = [
     "FINISHED",
@@ -66,6 +74,7 @@ __all__ = [
 ]
 
 
+_UNIFORM, _SWERVE = ADVERSARIES["uniform"], ADVERSARIES["swerve"]
 MAX_TRIES = 1000
 """Tests in a row without any BV after which `start_with_bv` gives up."""
 _NOBODY = "There is no background vehicle to control in 1000 tests on end; use a model with more traffic."
@@ -258,7 +267,7 @@ def drive_again(
     reset_world(again, seed, test, setting)
     k = 0
     while advance_again(history, b, again, setting, s, keep) == AV_MUST_ANSWER:
-        answer_with(again, history.answers[b, k], setting)
+        lockstep.answer_with(again, history.answers[b, k], setting)
         k += 1
 
 
@@ -327,23 +336,23 @@ def _guided(w: World, bv: int, exploring: Exploring, allowed: NDArray[np.bool_])
     if uniform(words[0]) >= max(exploring.epsilon, exploring.guided_epsilon):
         return exploring.kind, -1
     if uniform(words[1]) < 0.25:
-        return UNIFORM, -1
-    return SWERVE, _ram(w, bv, allowed) if state.test % 5 < 2 else -1
+        return _UNIFORM, -1
+    return _SWERVE, _ram(w, bv, allowed) if state.test % 5 < 2 else -1
 
 
 @kernel
-def choose(b: int, exploring: Exploring, actors: Actors, s: ChoiceScratch, out: Transitions) -> int:
+def choose(b: int, exploring: Exploring, actors: Actors, s: Scratch, out: Transitions) -> int:
     """Choose the action of world b's critical BV, by the policy or by exploring, and note it with what the BV sees."""
     w = world_row(actors.worlds, b)
-    _copy_view(actors.observation[b], actors.allowed[b], s.observation, s.allowed)
-    _copy_view(actors.observation[b], actors.allowed[b], out.observation[b], s.allowed)
-    bv = nearest_bv(w)
+    _copy_view(actors.observation[b], actors.allowed[b], s.choice.observation, s.choice.allowed)
+    _copy_view(actors.observation[b], actors.allowed[b], out.observation[b], s.choice.allowed)
+    bv = w.state[0].controlled
     kind, epsilon, action = exploring.kind, exploring.epsilon, -1
     if b < exploring.guided:
-        kind, action = _guided(w, bv, exploring, s.allowed)
+        kind, action = _guided(w, bv, exploring, s.choice.allowed)
         epsilon = 0.0
     if action < 0:
-        action = choose_action(w, bv, kind, epsilon, exploring.policy, s)
+        action = choose_action(w, bv, kind, epsilon, exploring.policy, s.choice)
     out.action[b] = action
     actors.history.action[b, w.state[0].decisions] = action
     return action
@@ -395,6 +404,6 @@ def collect(
     """
     for b in range(n):
         w = world_row(actors.worlds, b)
-        answer_as_bv(w, choose(b, exploring, actors, s.choice, out))
+        answer_as_bv(w, choose(b, exploring, actors, s, out))
         advance(w, setting, s, keep, NEVER)
         settle(b, exploring, setting, reward, actors, s, out)

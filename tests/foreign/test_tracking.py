@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
+from cornerforge.foreign.tracking import POSE_COLUMNS, bend, place_at, track, wheelbase
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import av_scene
 from cornerforge.sim.bicycle import Motion, rear_axle_behind, roll
-from cornerforge.sim.tracking import POSE_COLUMNS, bend, place_at, track, wheelbase
 from cornerforge.types import FRAME_S, Odd
 
 ODD = Odd()

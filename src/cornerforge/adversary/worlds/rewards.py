@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from cornerforge._checks import check_number
 from cornerforge._elementary import sin_cos
 from cornerforge._jit import inlined_kernel, kernel, kernel_by_code
+from cornerforge.counterfactual import Braking
 from cornerforge.drivers.careful import CAREFUL
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.road.straight import ahead_by
-from cornerforge.sim.braking import Braking
 
 if TYPE_CHECKING:
     import numpy as np
@@ -252,7 +252,7 @@ for _name, _rule in _RULES.items():
     if _asks and REWARDS[_name].code != AVOIDABLE:  # without this its rule would always get False
         raise LookupError(
             f'Reward "{_name}" asks whether braking would have avoided the crash, which is found out for "avoidable" '
-            "only; name its code in `reward_of` of sim/drive_bv.py, and here."
+            "only; name its code in `reward_of` of adversary/worlds/drive_bv.py, and here."
         )
 
 

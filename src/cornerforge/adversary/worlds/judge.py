@@ -6,18 +6,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._jit import kernel
+from cornerforge.adversary.worlds.rewards import av_strikes
+from cornerforge.counterfactual import Braking, is_avoidable
 from cornerforge.execution import in_order
 from cornerforge.recordings import Trajectories
-from cornerforge.sim.braking import Braking, is_avoidable
-from cornerforge.sim.drive import drive_test
-from cornerforge.sim.keep import Keep, keep_whole_test
-from cornerforge.sim.rewards import av_strikes
-from cornerforge.sim.scratch import Scratch, allocate_scratch, warn_of_left_out
-from cornerforge.sim.setting import Setting
-from cornerforge.sim.step import forget_frames
-from cornerforge.sim.world import AV_CRASH, World, allocate_worlds, world_of
+from cornerforge.sim import (
+    AV_CRASH,
+    Keep,
+    Recorder,
+    Scratch,
+    Setting,
+    World,
+    allocate_scratch,
+    allocate_worlds,
+    drive_test,
+    forget_frames,
+    keep_whole_test,
+    warn_of_left_out,
+    world_of,
+)
 
-__all__ = ["judge_crash", "judge_crashes"]
+__all__ = ["judge_crash", "judge_crashes", "judge_test"]
 
 _CHUNK = 256
 
@@ -89,7 +98,7 @@ def judge_crashes(
 
     Returns:
         Whether the AV's front took part in the first contact, and whether braking would have avoided the crash
-        (`braking.is_avoidable`), bool (n,) each.
+        (`counterfactual.is_avoidable`), bool (n,) each.
 
     Raises:
         InputError: `threads` is out of range.
@@ -105,3 +114,16 @@ def judge_crashes(
         judged[done : done + len(part)] = part
         done += len(part)
     return judged[:, 0], judged[:, 1]
+
+
+def judge_test(recorder: Recorder, setting: Setting, seed: int, test: int, braking: Braking) -> tuple[bool, bool]:
+    """Record one test and judge its crash of the AV (`judge_crash`); twice False where it holds none.
+
+    Returns:
+        Whether the AV struck, and whether braking would have avoided the crash.
+    """
+    world, keep = recorder.drive(seed, test)
+    if int(world.state["outcome"][0]) != AV_CRASH:
+        return False, False
+    strikes, avoidable = judge_crash(world, keep.recording, setting, braking)
+    return bool(strikes), bool(avoidable)

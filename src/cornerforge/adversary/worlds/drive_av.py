@@ -11,27 +11,37 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import PURPOSE_EXPLORE, block, uniform
 from cornerforge.drivers.policy import best_action, q_values
 from cornerforge.road.straight import gap
-from cornerforge.sim.actions import nearest_action
-from cornerforge.sim.av import av_decide
-from cornerforge.sim.av_features import av_actions_allowed, av_features, av_order
-from cornerforge.sim.av_kinds import DECIDES_EVERY
-from cornerforge.sim.av_view import view_of_av
-from cornerforge.sim.loop import NEVER, OVER, advance, answer_as_av
-from cornerforge.sim.neighbours import neighbours_in_lane
-from cornerforge.sim.setting import NOBODY, OUTSIDE, Controllers, Setting
-from cornerforge.sim.sight import DECIDED
-from cornerforge.sim.step import SUBSTEPS
-from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import AV_CRASH, World, allocate_worlds, world_row
+from cornerforge.sim import (
+    AV_CRASH,
+    DECIDED,
+    DECIDES_EVERY,
+    NEVER,
+    NOBODY,
+    OUTSIDE,
+    OVER,
+    SUBSTEPS,
+    Controllers,
+    Setting,
+    World,
+    advance,
+    allocate_worlds,
+    answer_as_av,
+    av_decide,
+    av_order,
+    look_as_av,
+    nearest_action,
+    neighbours_in_lane,
+    reset_world,
+    world_row,
+)
 from cornerforge.types import ACCELERATIONS, FIRST_ACCELERATION, N_ACTIONS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from cornerforge.adversary.worlds.drive_bv import Transitions
     from cornerforge.road.straight import RoadNumbers
-    from cornerforge.sim.drive_bv import Transitions
-    from cornerforge.sim.keep import Keep
-    from cornerforge.sim.scratch import AvScratch, Scratch
+    from cornerforge.sim import Keep, Scratch
 
 __all__ = [
     "AV_DECISIONS",
@@ -136,13 +146,9 @@ def allocate_av_actors(n_worlds: int, slots: int, n_inputs: int, hostile: NDArra
 
 
 @kernel
-def _look(
-    w: World, setting: Setting, s: AvScratch, observation: NDArray[np.float32], allowed: NDArray[np.bool_]
-) -> None:
+def _look(w: World, setting: Setting, s: Scratch, observation: NDArray[np.float32], allowed: NDArray[np.bool_]) -> None:
     """Fill the AV's observation and mask."""
-    view_of_av(w, setting.road, setting.av.sight, s.found, s.seen)
-    av_features(s.seen, setting.road, observation)
-    av_actions_allowed(w, setting.road, allowed)
+    look_as_av(w, setting.road, setting.av.sight, s.av, observation, allowed)
 
 
 @inlined_kernel
@@ -171,7 +177,7 @@ def start_av_worlds(seed: int, first: int, setting: Setting, s: Scratch, actors:
     for b in range(actors.allowed.shape[0]):
         w = world_row(actors.worlds, b)
         reset_world(w, seed, first + b, _setting_of_test(first + b, setting, actors.hostile))
-        _look(w, setting, s.av, actors.observation[b], actors.allowed[b])
+        _look(w, setting, s, actors.observation[b], actors.allowed[b])
 
 
 @kernel
@@ -189,7 +195,7 @@ def _as_idm_mobil(w: World, setting: Setting, allowed: NDArray[np.bool_]) -> int
 
 @kernel
 def _choose(
-    w: World, epsilon: float, setting: Setting, s: AvScratch, observation: NDArray[np.float32],
+    w: World, epsilon: float, setting: Setting, s: Scratch, observation: NDArray[np.float32],
     allowed: NDArray[np.bool_],
 ) -> int:  # fmt: skip
     """Choose the AV's action: the best one, or with chance `epsilon` half and half that of IDM and MOBIL, and any.
@@ -206,8 +212,8 @@ def _choose(
         while not allowed[action]:
             action += 1
         return action
-    q_values(setting.av.network, observation, s.layers, s.q)
-    best: int = best_action(s.q, allowed)
+    q_values(setting.av.network, observation, s.av.layers, s.av.q)
+    best: int = best_action(s.av.q, allowed)
     return best
 
 
@@ -242,13 +248,13 @@ def collect_av(
         observation, allowed = actors.observation[b], actors.allowed[b]
         own = _setting_of_test(state.test, setting, actors.hostile)
         for _ in range(AV_DECISIONS):
-            action = _choose(w, epsilon, setting, s.av, observation, allowed)
+            action = _choose(w, epsilon, setting, s, observation, allowed)
             for k in range(observation.size):
                 out.observation[rows, k] = observation[k]
             command, lane = av_order(w, action, _ACCELERATIONS)
             answer_as_av(w, command, lane)
             over = advance(w, own, s, keep, NEVER) == OVER
-            _look(w, setting, s.av, observation, allowed)
+            _look(w, setting, s, observation, allowed)
             crashed = state.outcome == AV_CRASH
             out.action[rows] = action
             out.reward[rows] = _reward(w, action, reward, setting.road)
@@ -264,6 +270,6 @@ def collect_av(
                 finished.natural_av_crashes += crashed and own.who.critical == NOBODY
                 test = state.test + actors.allowed.shape[0]
                 reset_world(w, state.seed, test, _setting_of_test(test, setting, actors.hostile))
-                _look(w, setting, s.av, observation, allowed)
+                _look(w, setting, s, observation, allowed)
                 break
     return rows
