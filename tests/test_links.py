@@ -6,7 +6,7 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Event
@@ -19,7 +19,7 @@ from output_places import FOLDER, OUTPUTS, stand_ins
 from cornerforge._locks import lock_of
 from cornerforge.cli import main
 from cornerforge.ext.explorer import Exhibit, serve
-from cornerforge.ext.explorer.notes import keep_note
+from cornerforge.ext.explorer.server import Door
 from cornerforge.foreign.av_log import AvLog
 from cornerforge.verbs.make_report import make_report
 
@@ -83,6 +83,12 @@ def lay_links(place: Path, names: set[str], victims: Path, folders: set[str]) ->
         link.symlink_to(victim)
 
 
+def _serve_for_a_moment(exhibit: Exhibit, door: Door, up: Callable[[], None]) -> None:
+    up()
+    exhibit.close()
+    door.listening.close()
+
+
 @pytest.mark.parametrize("given", [one for one in OUTPUTS if not one.startswith(("run", "reproduce", "plaus"))])
 def test_no_command_writes_through_a_link(
     given: str,
@@ -93,6 +99,7 @@ def test_no_command_writes_through_a_link(
     """Run the command once to learn the names that it makes, then with links at these names."""
     kind, ending = OUTPUTS[given]
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("cornerforge.ext.explorer.serve_exhibit", _serve_for_a_moment)  # where the page is built
     args = [words.get(word, word) for word in given.split()]
     small = {"rate": ["--max-tests", "200"], "train": ["--decisions", "64"], "train-av": ["--tests", "50"]}
     args[1:1] = small.get(args[0], [])
@@ -161,8 +168,6 @@ def test_looking_at_a_strangers_library_writes_through_no_link(
     shutil.copytree(words["LIB"], pack / "library")
     victims.mkdir()
     lay_links(pack, {"library-analysis", "report.html", ".report.html.part"}, victims, {"library-analysis"})
-    keep_note(victims / "notes", "0:1", ["of the user"], "in a file of the user")
-    (pack / "library" / "notes.json").symlink_to(victims / "notes")
     before = snapshot(victims)
     found = serve._sources(pack / "library")
     exhibit = Exhibit("library", [(one.source, one.analysis) for one in found], serve._driving((), found[0].source))
@@ -170,7 +175,6 @@ def test_looking_at_a_strangers_library_writes_through_no_link(
     serve._behind(exhibit, found, 1, Event())
     exhibit.close()
     assert "library-analysis is a link" in " ".join(exhibit.warnings)
-    keep_note(pack / "library" / "notes.json", "0:1", [], "seen")
     make_report(pack / "library", out=pack)
     assert snapshot(victims) == before
 

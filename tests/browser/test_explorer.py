@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import re
 import shutil
 from pathlib import Path
@@ -220,19 +219,6 @@ def test_the_keyboard_reaches_everything(server: Server, look: Opener) -> None:
     assert seconds(page) == pytest.approx(at + 0.1, abs=0.051)
     page.keyboard.press("Escape")
     page.locator(".watch").wait_for(state="detached")
-
-
-def test_notes_are_kept_beside_the_library(server: Server, look: Opener, run: Path) -> None:
-    page = ready(look(server.url))
-    page.get_by_role("button", name="Play").first.click()
-    page.get_by_role("textbox", name=re.compile("note", re.I)).first.fill("brakes far too late")
-    page.get_by_text(re.compile("saved", re.I)).first.wait_for()
-    again = look(page.url)
-    box = again.get_by_role("textbox", name=re.compile("note", re.I)).first
-    box.wait_for()
-    until(again, "[...document.querySelectorAll('textarea')].some(one => one.value === 'brakes far too late')")
-    kept = json.loads((run / "natural" / "library-notes.json").read_text(encoding="utf-8"))
-    assert "brakes far too late" in json.dumps(kept)
 
 
 def test_a_library_without_analysis_gets_one_while_it_is_looked_at(look: Opener, run: Path, tmp_path: Path) -> None:

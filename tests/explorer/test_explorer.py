@@ -6,7 +6,6 @@ import dataclasses
 import io
 import json
 import shutil
-import threading
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,10 +22,8 @@ from explorer.conftest import BRAKES, Running, asked, get, sent, started, stoppe
 from PIL import Image
 
 from cornerforge.analysis.first_case import PREVENTION
-from cornerforge.errors import FileFormatError, InputError
 from cornerforge.ext.explorer import Analysis, Exhibit
 from cornerforge.ext.explorer import serve as verb
-from cornerforge.ext.explorer.notes import keep_note, notes_file, read_notes
 from cornerforge.ext.explorer.start import cards, headline_of
 from cornerforge.library import CaseLibrary
 from cornerforge.library.case_file import read_case_file
@@ -271,30 +268,17 @@ def test_sql_gives_a_bit_for_each_row(server: Running) -> None:
         assert "\n" not in json.load(caught.value)["error"]
 
 
-def test_notes_are_kept_beside_the_library(server: Running, place: Path) -> None:
-    file = place / "library-notes.json"
-    assert asked(server, "api/notes") == {}
-    sent(
-        server, "PUT", "api/notes/adversary/3:0", {"labels": ["look again", "look again"], "note": "Zu nah. \U0001f697"}
-    )
-    kept = {"labels": ["look again"], "note": "Zu nah. \U0001f697"}
-    assert asked(server, "api/notes") == {"adversary/3:0": kept}
-    assert json.loads(file.read_text(encoding="utf-8"))["notes"] == {"3:0": kept}
-    with pytest.raises(HTTPError, match="404"):
-        sent(server, "PUT", "api/notes/adversary/9:9", {"labels": [], "note": "x"})
-    halves: list[dict[str, Any]] = [{}, {"labels": []}, {"note": ""}, {"labels": [], "note": "", "more": 1}]
-    halves.append({"labels": "x", "note": ""})
-    for half in halves:
-        with pytest.raises(HTTPError, match="400"):
-            sent(server, "PUT", "api/notes/adversary/3:0", half)
-    assert asked(server, "api/notes") == {"adversary/3:0": kept}
-    sent(server, "PUT", "api/notes/adversary/3:0", {"labels": [], "note": ""})
-    assert asked(server, "api/notes") == {}
-    file.write_text("{", encoding="utf-8")
-    with pytest.raises(HTTPError, match="409"):
-        sent(server, "PUT", "api/notes/adversary/3:0", {"labels": ["x"], "note": ""})
-    assert file.read_text(encoding="utf-8") == "{"
-    file.unlink()
+def test_notes_of_earlier_versions_are_named_and_left(
+    place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(place / "library", tmp_path / "lib")
+    monkeypatch.chdir(tmp_path / "lib")
+    assert verb._warnings(tmp_path / "lib", verb._sources(Path())) == []
+    file = tmp_path / "lib-notes.json"
+    file.write_text("of the user", encoding="utf-8")
+    (told,) = verb._warnings(tmp_path / "lib", verb._sources(Path()))
+    assert told == f"Notes are no longer shown; those on cases of lib stay in {file}, a text file for any editor."
+    assert file.read_text(encoding="utf-8") == "of the user"
 
 
 @pytest.mark.parametrize(("inside", "name"), [("", "."), ("deeper", "..")])
@@ -309,47 +293,9 @@ def test_a_library_may_be_the_folder_one_is_in(
     told = asked(running, "api/about")
     assert told["name"] == "lib"
     assert told["sources"][0]["replay"] == f"cornerforge replay {library}"
-    sent(running, "PUT", "api/notes/adversary/3:0", {"labels": ["seen"], "note": ""})
     assert stopped(running) == (0, "")
-    assert read_notes(tmp_path / "lib-notes.json") == {"3:0": {"labels": ["seen"], "note": ""}}
     assert verb._sources(library)[0].folder == tmp_path / "lib-analysis"
     assert not list((library / inside).glob("*-analysis"))
-
-
-def test_no_note_is_lost_when_many_are_written_at_once(tmp_path: Path) -> None:
-    file = notes_file(tmp_path / "library")
-    writers = [threading.Thread(target=keep_note, args=(file, f"0:{k}", ["l"], str(k))) for k in range(40)]
-    for writer in writers:
-        writer.start()
-    for writer in writers:
-        writer.join()
-    assert read_notes(file) == {f"0:{k}": {"labels": ["l"], "note": str(k)} for k in range(40)}
-
-
-@pytest.mark.parametrize(
-    ("labels", "note"),
-    [("x", ""), ([1], ""), (["a" * 41], ""), ([" "], ""), (["a"] * 3 + [str(k) for k in range(50)], ""), ([],
-        "n" * 10_001), ([], 1),
-     (["\ud800"], "")],
-)  # fmt: skip
-def test_a_note_has_limits(tmp_path: Path, labels: Any, note: Any) -> None:
-    with pytest.raises(InputError):
-        keep_note(tmp_path / "x-notes.json", "0:1", labels, note)
-    assert list(tmp_path.iterdir()) == []
-
-
-_HEAD = '{"format": "cornerforge notes", "version": '
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["[]", _HEAD + '2, "notes": {}}', "\x00", _HEAD + '1, "notes": {"0:1": {"labels": 1, "note": ""}}}', _HEAD + "1}"],
-)
-def test_a_damaged_file_of_notes_is_named(tmp_path: Path, text: str) -> None:
-    file = tmp_path / "x-notes.json"
-    file.write_text(text, encoding="utf-8")
-    with pytest.raises(FileFormatError, match=r"x-notes\.json"):
-        read_notes(file)
 
 
 # --- what to look at first ---

@@ -361,11 +361,11 @@ KINDS = (
         Door("retest", f"retest imported/library --av idm-mobil {_ONE}", 1),
         Door("openscenario", "export imported/library all --to openscenario --out x --json", 1, _LICENCE),
     ), 80, _ABOUT),
-    Kind("analysis", "folders", "analysed", ("lib-analysis", "lib-analysis/*", "lib-notes.json"), (
+    Kind("analysis", "folders", "analysed", ("lib-analysis", "lib-analysis/*"), (
         # Early analyses have fewer columns; within its range a value may be.
         Door("query", 'query lib-analysis "select * from cases" --json', 2,
         tuple(f"* table.{op} *" for op in ("drop", "add", "cell", "null")),
-        ("*/provenance.json", "*/points.parquet", "*/witnesses.parquet", "*notes.json")),
+        ("*/provenance.json", "*/points.parquet", "*/witnesses.parquet")),
         Door("serve", _exhibit("lib"), 3,
         free=("*",)),
         Door("figure", "figure lib --out f --json", 0.03),

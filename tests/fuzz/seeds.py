@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import json
 import os
 import shutil
 import tomllib
@@ -94,12 +93,6 @@ def _plain_library(_: Path) -> None:
 def _analysed(root: Path) -> None:
     shutil.copytree(seed_folder(root, "library") / "lib", "lib")
     cornerforge.analyse("lib", out="lib-analysis", threads=1)
-    Path("lib-notes.json").write_text(
-        json.dumps(
-            {"format": "cornerforge notes", "version": 1, "notes": {"0:8": {"labels": ["odd"], "note": "look"}}}
-        ),
-        encoding="utf-8",
-    )
 
 
 @_seed("rate")

@@ -181,7 +181,7 @@ def serve(
     as_json: Json = False,
     debug: Debug = False,
 ) -> None:
-    """Show all cases in the browser: a map of them, each to watch, to compare and to note on; Ctrl-C ends it."""
+    """Show all cases in the browser: a map of them, each to watch and to compare; Ctrl-C ends it."""
     from cornerforge.experiment.output import check_new_file, write_json
     from cornerforge.results import as_json as result_as_json
 
@@ -194,8 +194,8 @@ def serve(
             typer.echo(f"Port {PORT} is taken by another program, so it is port {r.port}.", err=True)
         if r.token:
             typer.echo(
-                f"Warning: {r.host} can be reached by other machines. Whoever has the address below sees the cases and "
-                "can write notes; the connection is not encrypted.",
+                f"Warning: {r.host} can be reached by other machines. Whoever has the address below sees the "
+                "cases; the connection is not encrypted.",
                 err=True,
             )
         if as_json:

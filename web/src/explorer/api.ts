@@ -105,11 +105,6 @@ export interface Ghosts {
   readonly drivers: Readonly<Record<string, Ghost>>;
 }
 
-export interface Note {
-  readonly labels: readonly string[];
-  readonly note: string;
-}
-
 /** What the server said instead of an answer; status 0: the server did not answer at all. */
 export class ApiError extends Error {
   readonly status: number;
@@ -188,19 +183,4 @@ export async function postSql(where: string, signal?: AbortSignal): Promise<Uint
     ...(signal ? { signal } : {}),
   };
   return new Uint8Array(await (await ask("api/sql", init)).arrayBuffer());
-}
-
-export function getNotes(): Promise<Record<CaseKey, Note>> {
-  return askJson("api/notes");
-}
-
-/** Both empty: the note is removed. */
-export async function putNote(key: CaseKey, note: Note): Promise<void> {
-  await ask(`api/notes/${pathOf(key)}`, {
-    method: "PUT",
-    headers: { "Content-Type": "application/json" },
-    body: JSON.stringify(note),
-    // A note that is saved while the page closes arrives all the same.
-    keepalive: true,
-  });
 }

@@ -1,7 +1,7 @@
 // The whole page: head, what to look at first, and three panes; on a narrow screen one pane at a time.
 import { useEffect } from "preact/hooks";
 import { bind } from "./binding";
-import { about, failure, keyOf, readNotes, refresh } from "./data";
+import { about, failure, keyOf, refresh } from "./data";
 import { FilterPane } from "./filterpane";
 import { Header } from "./header";
 import { Help } from "./help";
@@ -24,10 +24,6 @@ export function App() {
       if (begun || !about.peek()) return;
       begun = true;
       stops.push(bind(), startWanting(), startAsking(), startArranging());
-      void readNotes();
-      const again = () => void readNotes(); // another page may have written some
-      window.addEventListener("focus", again);
-      stops.push(() => window.removeEventListener("focus", again));
     };
     // Without an answer there is nothing to tie together yet: the banner's button asks again.
     stops.push(failure.subscribe((line) => { if (line === null && !begun) void begin(); }));

@@ -1,17 +1,14 @@
-// What the server has told so far: what there is, the columns, the notes. Columns come when something first needs them.
+// What the server has told so far: what there is, and the columns, which come when something first needs them.
 import { tableFromIPC } from "@uwdata/flechette";
-import { batch, computed, signal } from "@preact/signals";
-import { type About, ApiError, type ColumnInfo, getAbout, getColumns, getNotes, type Note, putNote } from "./api";
-import { EMPTY, merged, sameNote } from "./merge";
-import { categoryOf, type Column, columnsOf } from "./columns";
+import { batch, computed, type ReadonlySignal, signal } from "@preact/signals";
+import { type About, ApiError, type ColumnInfo, getAbout, getColumns } from "./api";
+import { type Column, columnsOf } from "./columns";
 import type { CaseKey } from "./state";
 
 /** Columns whose values list several things. */
 const LISTED: ReadonlySet<string> = new Set(["prevented_by"]);
 /** How often to ask while the analysis runs [ms]. */
 const POLL = 1500;
-/** When to try again to save notes [ms]. */
-const RETRY = 4000;
 
 export const about = signal<About | null>(null);
 /** Why the page has no answer from the server; null: it has. */
@@ -19,6 +16,8 @@ export const failure = signal<string | null>(null);
 /** A polite line for the user; each has a way to be put away. */
 export const notices = signal<readonly string[]>([]);
 const loaded = signal<ReadonlyMap<string, Column>>(new Map());
+/** All columns that are here. */
+export const columns: ReadonlySignal<ReadonlyMap<string, Column>> = loaded;
 export const loading = signal(true);
 
 /** Number of cases in the columns. */
@@ -27,51 +26,8 @@ export const n = computed(() => {
   return ids?.kind === "text" ? ids.values.length : 0;
 });
 
-export const notes = signal<Readonly<Record<CaseKey, Note>>>({});
-/** How saving the notes of a case goes. */
-export const saving = signal<{ readonly key: CaseKey; readonly state: "saving" | "saved" | "failed"; readonly line: string } | null>(null);
-
-const LABELS: ColumnInfo = {
-  name: "labels",
-  type: "category",
-  unit: "",
-  meaning: "Labels that people gave to the case.",
-  source: "notes",
-  label: "labels",
-};
-
-/** What a case without a label is called in the column of labels. */
-export const UNLABELLED = "no label";
-
-const labelColumn = computed<Column | null>(() => {
-  const texts = new Array<string>(n.value).fill(UNLABELLED);
-  const members = new Map<string, readonly string[]>();
-  const labelled = new Map(Object.entries(notes.value).filter(([, { labels }]) => labels.length > 0));
-  const names = new Set([...labelled.keys()].map((key) => key.slice(key.indexOf("/") + 1)));
-  const ids = loaded.value.get("case_id");
-  for (let row = 0; names.size > 0 && row < texts.length; row++) {
-    const labels = ids?.kind === "text" && names.has(ids.values[row]!) ? labelled.get(keyOf(row))?.labels : undefined;
-    if (!labels) continue;
-    texts[row] = labels.join(", ");
-    members.set(texts[row]!, labels);
-  }
-  const column = categoryOf(LABELS, texts);
-  return { ...column, members: column.names.map((name) => members.get(name) ?? [name]) };
-});
-
-/** All columns that are here, the labels among them. */
-export const columns = computed<ReadonlyMap<string, Column>>(() => {
-  const all = new Map(loaded.value);
-  if (n.value > 0 && labelColumn.value) all.set(LABELS.name, labelColumn.value);
-  return all;
-});
-
-/** What is known of each column by name, the labels among them. */
-export const infos = computed<ReadonlyMap<string, ColumnInfo>>(() => {
-  const all = new Map((about.value?.columns ?? []).map((info) => [info.name, info]));
-  all.set(LABELS.name, LABELS);
-  return all;
-});
+/** What is known of each column by name. */
+export const infos = computed<ReadonlyMap<string, ColumnInfo>>(() => new Map((about.value?.columns ?? []).map((info) => [info.name, info])));
 
 /** Rows that were asked for, so that a case is looked for once. */
 const found = computed(() => ({ of: loaded.value, rows: new Map<CaseKey, number>() }));
@@ -159,53 +115,6 @@ export async function refresh(): Promise<void> {
   } catch (error) {
     failure.value = lineOf(error);
   }
-}
-
-export async function readNotes(): Promise<void> {
-  try {
-    const read = await getNotes();
-    if (saving.peek() !== null && saving.peek()!.state !== "saved") return; // what is written here is newer
-    notes.value = read;
-    kept.clear();
-  } catch (error) {
-    say(`Notes cannot be read: ${lineOf(error)}`);
-  }
-}
-
-/** Of cases that were changed here, what the server was last known to hold. */
-const kept = new Map<CaseKey, Note>();
-let saves: Promise<void> = Promise.resolve();
-
-/** Keep a note at once here, and soon at the server; what another page wrote meanwhile stays. `leaving`: there is no time to ask. */
-export function saveNote(key: CaseKey, note: Note, leaving = false): Promise<void> {
-  if (!kept.has(key)) kept.set(key, noteOf(key));
-  setNote(key, note);
-  saving.value = { key, state: "saving", line: "" };
-  saves = leaving ? putNote(key, note) : saves.then(() => store(key, note)); // one after the other, or an older one might win
-  return saves;
-}
-
-async function store(key: CaseKey, note: Note): Promise<void> {
-  try {
-    const now = merged(kept.get(key) ?? EMPTY, note, (await getNotes())[key] ?? EMPTY);
-    await putNote(key, now);
-    const isLatest = sameNote(noteOf(key), note);
-    kept.set(key, isLatest ? now : note);
-    if (isLatest) setNote(key, now);
-    if (saving.peek()?.key === key) saving.value = { key, state: "saved", line: "" };
-  } catch (error) {
-    saving.value = { key, state: "failed", line: lineOf(error) };
-    setTimeout(() => saving.peek()?.state === "failed" && void saveNote(key, noteOf(key)), RETRY);
-  }
-}
-
-function noteOf(key: CaseKey): Note {
-  return notes.peek()[key] ?? EMPTY;
-}
-
-function setNote(key: CaseKey, note: Note): void {
-  const { [key]: _, ...others } = notes.peek();
-  notes.value = sameNote(note, EMPTY) ? others : { ...others, [key]: note };
 }
 
 export function say(line: string): void {

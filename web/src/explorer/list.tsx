@@ -1,7 +1,7 @@
 // All cases that pass as a table, of which only the visible rows exist.
 import { useEffect, useRef, useState } from "preact/hooks";
 import type { Column } from "./columns";
-import { columns, infos, keyOf, n, UNLABELLED } from "./data";
+import { columns, infos, keyOf, n } from "./data";
 import { capital, count, shortName } from "./format";
 import { textOf } from "./histogram";
 import { contentHeight, offsetOf, scrollTo, windowAt } from "./rows";
@@ -135,7 +135,7 @@ function Cell({ name, row }: { name: string; row: number }) {
 export function cellOf(name: string, column: Column | undefined, row: number): string {
   if (!column) return "";
   if (column.kind === "text") return name === "case_id" ? shortName(column.values[row] ?? "") : (column.values[row] ?? "");
-  if (column.kind === "category") return name === "labels" && column.names[column.codes[row]!] === UNLABELLED ? "" : wordOf(name, column.names[column.codes[row]!]!);
+  if (column.kind === "category") return wordOf(name, column.names[column.codes[row]!]!);
   const text = textOf(name, column.values[row]!, column.info.unit === "rad" ? "rad" : "");
   return name === "often" ? text.replace("once in ", "") : text;
 }

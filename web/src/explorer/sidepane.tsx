@@ -2,7 +2,6 @@
 import { about, rowOf } from "./data";
 import { count, shortName } from "./format";
 import { List } from "./list";
-import { Notes } from "./notes";
 import { playing, watched } from "./state";
 import { listOver, tab } from "./ui";
 import { rows, step } from "./views";
@@ -34,7 +33,6 @@ export function SidePane() {
       </header>
       <div class="pane-body case-body" id="case" tabIndex={-1}>
         {about.value && <Watch about={about.value} caseKey={key} />}
-        <Notes key={key} caseKey={key} />
       </div>
     </>
   );

@@ -41,7 +41,7 @@ export function Sql() {
       <details class="names">
         <summary>Names of columns</summary>
         <ul>
-          {[...infos.value.values()].filter((info) => info.source !== "notes").map((info) => (
+          {[...infos.value.values()].map((info) => (
             <li key={info.name}>
               <button type="button" class="link" title={`Add ${info.name} to the condition`} onClick={() => setText(`${text}${text === "" || text.endsWith(" ") ? "" : " "}${info.name} `)}>
                 <code>{info.name}</code>

@@ -33,22 +33,21 @@ export const USUAL_FILTERS: readonly { readonly column: string; readonly open: b
   { column: "relative_lane", open: false },
   { column: "often", open: false },
   { column: "role", open: false },
-  { column: "labels", open: false },
 ];
 
 /** Colours that are asked for most. */
 export const USUAL_COLOURS = [
   "prevention", "mechanism", "crash_type", "cluster", "avoidability", "prevented_by", "way_out", "conduct", "impact_speed_mps",
-  "av_injury_probability", "often", "value", "role", "labels",
+  "av_injury_probability", "often", "value", "role",
 ];
 export const USUAL_AXES = ["pc1", "pc2", "impact_speed_mps", "av_speed_mps", "crash_time_s", "relative_lon_m", "relative_lat_m", "often", "value"];
 const USUAL_LIST = {
-  natural: ["case_id", "mechanism", "often", "prevention", "impact_speed_mps", "labels"],
-  made: ["case_id", "crash_type", "value", "prevention", "impact_speed_mps", "labels"],
-  both: ["source", "case_id", "crash_type", "prevention", "impact_speed_mps", "often", "value", "labels"],
+  natural: ["case_id", "mechanism", "often", "prevention", "impact_speed_mps"],
+  made: ["case_id", "crash_type", "value", "prevention", "impact_speed_mps"],
+  both: ["source", "case_id", "crash_type", "prevention", "impact_speed_mps", "often", "value"],
 };
 /** What the list shows instead where there is no analysis. */
-const PLAIN_LIST = ["case_id", "mechanism", "crash_type", "av_speed_mps", "bv_speed_mps", "crash_time_s", "labels"];
+const PLAIN_LIST = ["case_id", "mechanism", "crash_type", "av_speed_mps", "bv_speed_mps", "crash_time_s"];
 
 const has = (name: string) => infos.value.has(name);
 
@@ -66,11 +65,9 @@ export const axisColumns = computed<readonly [string, string] | null>(() => {
 
 export const listColumns = computed<readonly string[]>(() => {
   if (show.value) return show.value.filter((name) => name === "case_id" || has(name));
-  const labelled = columns.value.get("labels");
-  const some = labelled?.kind === "category" && labelled.names.length > 1;
   const kind = shownKind.value;
   const other = kind === "natural" && has("mechanism") ? "crash_type" : "mechanism";
-  return (has("prevention") ? USUAL_LIST[kind] : PLAIN_LIST).filter((name) => has(name) && name !== other && (name !== "labels" || some));
+  return (has("prevention") ? USUAL_LIST[kind] : PLAIN_LIST).filter((name) => has(name) && name !== other);
 });
 
 // Signals of their own, so that what depends on the source alone stays as it is when other filters change.

@@ -31,7 +31,7 @@ POLICY = (
 )
 """What the page may do: run what the server sends, and ask this server only."""
 _MOST_BYTES = 64 * 1024
-"""Longest body of a request: a note has at most 10,000 characters."""
+"""Longest body of a request: a condition in SQL."""
 _TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "txt": "text/plain", "svg": "image/svg+xml",
           "woff2": "font/woff2", "map": "application/json"}  # fmt: skip
 _HEADERS = {
@@ -108,7 +108,7 @@ class Guard:
         if scope["method"] not in ("GET", "HEAD"):
             origin, kind = headers.get("origin", []), headers.get("content-type", [""])
             if origin and origin != [f"http://{host[0]}"]:
-                return _fault(403, "Only the explorer's own page may change something here.")
+                return _fault(403, "Only the explorer's own page may ask this.")
             if kind[0].partition(";")[0].strip().lower() != "application/json":
                 return _fault(415, "Send JSON, with the content type application/json.")
         return None if self._token is None else self._ask_token(scope, headers, self._token)
@@ -209,17 +209,6 @@ class _Answers:
         bits = await run_in_threadpool(self._exhibit.rows_where, where)
         return Response(bits, media_type="application/octet-stream")
 
-    def notes(self, request: Request) -> Response:  # noqa: ARG002
-        return _json(self._exhibit.notes())
-
-    async def note(self, request: Request) -> Response:
-        given = await _body(request)
-        if not isinstance(given, dict) or set(given) != {"labels", "note"}:
-            raise HTTPException(400, 'Send {"labels": ["a label"], "note": "a text"}.')
-        source, case_id = request.path_params["source"], request.path_params["case_id"]
-        kept = await run_in_threadpool(self._exhibit.note, source, case_id, given["labels"], given["note"])
-        return _json(kept)
-
 
 def explorer_app(exhibit: Exhibit, page: Mapping[str, bytes]) -> Starlette:
     """Make the application.
@@ -240,8 +229,6 @@ def explorer_app(exhibit: Exhibit, page: Mapping[str, bytes]) -> Starlette:
             Route(one + "/with/{av:path}", answers.case_with),
             Route(one + "/download/{name}", answers.download),
             Route("/api/sql", answers.sql, methods=["POST"]),
-            Route("/api/notes", answers.notes),
-            Route("/api/notes/{source}/{case_id}", answers.note, methods=["PUT"]),
         ],
         exception_handlers={
             HTTPException: lambda _, error: _fault(error.status_code, error.detail),

@@ -15,7 +15,6 @@ from cornerforge.analysis.in_words import what_happened
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.ext.explorer.columns import CaseTable
 from cornerforge.ext.explorer.downloads import Shown, formats, made, packed
-from cornerforge.ext.explorer.notes import keep_note, notes_file, read_notes
 from cornerforge.ext.explorer.room import Room
 from cornerforge.ext.explorer.sources import Analysis, Source
 from cornerforge.ext.explorer.start import cards, headline_of
@@ -259,29 +258,6 @@ class Exhibit:
                 self._asker = table, Asker(table.plain())
                 self._asks.check()  # `close` may have missed it
             return _bits(self._asker[1], table, where)
-
-    def notes(self) -> dict[str, Any]:
-        """Make what /api/notes says.
-
-        Raises:
-            FileFormatError: A file of notes is damaged.
-        """
-        return {
-            f"{name}/{case}": one
-            for name, shelf in self._state.shelves.items()
-            for case, one in read_notes(notes_file(shelf.source.cases.path)).items()
-        }
-
-    def note(self, source: str, case_id: str, labels: Any, note: Any) -> dict[str, Any]:
-        """Keep labels and a note of a case; both empty: keep none.
-
-        Raises:
-            UnknownKeyError: There is no such case.
-            InputError: They are no texts, or too long.
-            FileFormatError, OutputError: The file of notes is damaged, or cannot be written.
-        """
-        shelf, _ = self._state.find(source, case_id)
-        return keep_note(notes_file(shelf.source.cases.path), case_id, labels, note)
 
     def close(self) -> None:
         """End what was started: who waits or works is told so, and SQL's process ends."""

@@ -160,7 +160,7 @@ def _sources(place: Path) -> list[_Found]:
 
 def _warnings(place: Path, found: Sequence[_Found]) -> list[str]:
     """Say what of a folder is damaged, missing or to be doubted."""
-    lines = [line for one in found for line in (*one.source.cases.damaged, *_fault_of_notes(one.source))]
+    lines = [line for one in found for line in (*one.source.cases.damaged, *_kept_notes(one.source))]
     lines += [line for one in found if one.source.natural for line in _doubts(one.source)]
     return lines + _absent(place)
 
@@ -253,14 +253,12 @@ def _driving(avs: Sequence[str], source: Source) -> Driving:
     )  # fmt: skip
 
 
-def _fault_of_notes(source: Source) -> list[str]:
-    from cornerforge.ext.explorer.notes import notes_file, read_notes
-
-    try:
-        read_notes(notes_file(source.cases.path))
-    except FileFormatError as error:
-        return [str(error)]
-    return []
+def _kept_notes(source: Source) -> list[str]:
+    """Say where notes of earlier versions are."""
+    library = real_path(source.cases.path)  # . and .. have no name
+    file = library.with_name(f"{library.name}-notes.json")
+    told = f"Notes are no longer shown; those on cases of {library.name} stay in {file}, a text file for any editor."
+    return [told] if file.is_file() else []
 
 
 def _doubts(source: Source) -> list[str]:
