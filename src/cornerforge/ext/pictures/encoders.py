@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,14 +75,13 @@ def _ffmpeg() -> str:
         ) from None
 
 
-def encode(pictures: Iterable[Picture], part: Path, kind: Format, colours: Sequence[str]) -> None:
+def encode(pictures: Iterable[Picture], part: Path, kind: Format) -> None:
     """Write a video.
 
     Args:
         pictures: One after another, all of the format's size; each may be overwritten when the next is asked for.
         part: The file, which is written anew.
         kind: What it shall be.
-        colours: As "#rrggbb", which also a format of few colours keeps.
 
     Raises:
         OutputError: It cannot be written.
@@ -90,7 +89,7 @@ def encode(pictures: Iterable[Picture], part: Path, kind: Format, colours: Seque
     if kind.codec:
         _by_ffmpeg(pictures, part, kind)
     else:
-        _by_pillow(pictures, part, kind, colours)
+        _by_pillow(pictures, part, kind)
 
 
 def _by_ffmpeg(pictures: Iterable[Picture], part: Path, kind: Format) -> None:
@@ -129,28 +128,11 @@ def _by_ffmpeg(pictures: Iterable[Picture], part: Path, kind: Format) -> None:
             raise OSError(f"ffmpeg could not write the video ({why})")
 
 
-def _by_pillow(pictures: Iterable[Picture], part: Path, kind: Format, colours: Sequence[str]) -> None:
+def _by_pillow(pictures: Iterable[Picture], part: Path, kind: Format) -> None:
     from PIL import Image
 
-    def images() -> Iterator[Image.Image]:
-        # One palette for all pictures, or the colours would flicker: the given ones, and what the first picture has.
-        palette: NDArray[np.int32] | None = None
-        for picture in pictures:
-            whole = picture[..., :3].astype(np.int32)
-            found, where = np.unique(whole @ np.array([65536, 256, 1], dtype=np.int32), return_inverse=True)
-            levels = np.stack([found >> 16, found >> 8 & 255, found & 255], axis=1).astype(np.int32)
-            if palette is None:
-                fixed = np.array([list(bytes.fromhex(colour[1:])) for colour in colours], dtype=np.int32)
-                rest = Image.fromarray(picture[..., :3]).quantize(256 - len(fixed), method=Image.Quantize.MEDIANCUT)
-                palette = np.vstack([fixed, np.array(rest.getpalette(), dtype=np.int32).reshape(-1, 3)])
-            # Pillow's own search for the nearest colour looks at the upper bits of each only.
-            far = (levels**2).sum(axis=1)[:, None] - 2 * levels @ palette.T + (palette**2).sum(axis=1)
-            few = Image.fromarray(far.argmin(axis=1).astype(np.uint8)[where].reshape(whole.shape[:2]), mode="P")
-            few.putpalette(palette.astype(np.uint8).tobytes())
-            yield few
-
-    few = images()
-    next(few).save(
-        part, format="GIF", save_all=True, append_images=few, duration=1000 // kind.per_second, loop=0, optimize=False,
-        disposal=1,
+    images = (Image.fromarray(picture[..., :3].copy()) for picture in pictures)
+    next(images).save(
+        part, format="GIF", save_all=True, append_images=images, duration=1000 // kind.per_second, loop=0,
+        optimize=False, disposal=1,
     )  # fmt: skip

@@ -24,11 +24,6 @@ STANDS_S = 0.5
 """How long the film stands at the contact [s]."""
 _SECONDS = 15.0
 _PAPER, _INK, _MUTED, _GRID = "#ffffff", "#1b1f24", "#5d6673", "#e2e5e9"
-_COLOURS = (
-    _PAPER, SCREEN.verge, SCREEN.road, SCREEN.paint, SCREEN.av, SCREEN.partner, SCREEN.other,
-    SCREEN.edge, SCREEN.contact, SCREEN.way_out, _INK, _MUTED, _GRID,
-)  # fmt: skip
-"""Colours that a film of few colours has for certain."""
 _WIDTH_IN, _HEIGHT_IN = 12.8, 7.2
 _WIDE_M = 80.0
 """Most of the road that is seen [m]."""
@@ -91,7 +86,7 @@ def film(
                 progress(done, len(times) + len(standing))
 
     with writing(path, "the film") as part:
-        encode(pictures(), part, kind, _COLOURS)
+        encode(pictures(), part, kind)
     return path
 
 
