@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
+from cornerforge._arrow import arrow_type
 from cornerforge._jit import kernel
-from cornerforge.fields import CASE_ROW, CASES, FRAME_FIELDS, HISTORY_SHAPE, POSE, REALS, SERIES, TRACKS
+from cornerforge._objects import object_fault
+from cornerforge._values import column_fault
+from cornerforge.analysis.avoidability import AVOIDABILITY_COLUMNS
+from cornerforge.analysis.stored import CASE_COLUMNS
+from cornerforge.experiment.policy_file import POLICY_FIELDS
+from cornerforge.fields import CASE_ROW, CASES, FRAME_FIELDS, HISTORY_SHAPE, POSE, REALS, SERIES, TRACKS, Field
+from cornerforge.library.schema import IDENTITY_FIELDS, MANIFEST_FIELDS, RAILS_TRACKS, own_fields
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import harvest
 from cornerforge.sim.keep import Decisions
@@ -75,3 +84,31 @@ def test_names_are_unique(columns: tuple[object, ...]) -> None:
 def test_the_kernel_fills_every_number_of_a_case() -> None:
     texts = {"case_id", "trajectory_digest", "critical_bv_action", "history"}
     assert {column.name for column in CASES} - set(CASE_ROW.names or ()) == texts
+
+
+COLUMNS = (*CASES, *RAILS_TRACKS, *CASE_COLUMNS, *AVOIDABILITY_COLUMNS, *own_fields({"mine": "float"}))
+KEYS = (*MANIFEST_FIELDS, *IDENTITY_FIELDS, *POLICY_FIELDS)
+
+
+def _accepted(field: Field, *, is_key: bool) -> tuple[bool, ...]:
+    """Whether no value, null, and a number beyond all ranges are accepted as a key's; or null, NaN, inf in a column."""
+    if is_key:
+        return tuple(object_fault(one, [field]) is None for one in ({}, {field.name: None}, {field.name: 1e300}))
+    kind = arrow_type(field.type)
+    inner = kind.value_type if pa.types.is_nested(kind) else kind
+    columns = [pa.nulls(1, kind)]
+    if pa.types.is_floating(inner):
+        size = getattr(kind, "list_size", 1)
+        rows = [[value] * size if pa.types.is_nested(kind) else value for value in (math.nan, math.inf)]
+        columns += [pa.array([row], kind) for row in rows]
+    return tuple(column_fault(pa.chunked_array([one]), field, str) is None for one in columns)
+
+
+@pytest.mark.parametrize("field", [*COLUMNS, *KEYS], ids=lambda field: field.name)
+def test_words_decide_nothing_and_tell_what_is_decided(field: Field) -> None:
+    flags = field.nullable, field.optional, field.nan
+    for words in ("x", "null NaN may be missing"):
+        other = dataclasses.replace(field, meaning=words, unit=words)
+        assert (other.nullable, other.optional, other.nan) == flags
+        assert _accepted(other, is_key=field in KEYS) == _accepted(field, is_key=field in KEYS)
+    assert tuple(word in field.meaning for word in ("null", "may be missing", "NaN")) == flags

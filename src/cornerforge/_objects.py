@@ -42,11 +42,11 @@ def object_fault(content: Any, fields: Iterable[Field], place: str = "", *, clos
     for field in fields:
         key = f"{place}.{field.name}" if place else field.name
         if field.name not in content:
-            if not field.may_be_missing:
+            if not field.optional:
                 return f'"{key}" is missing'
             continue
         value = content[field.name]
-        if value is None and field.is_nullable:
+        if value is None and field.nullable:
             continue
         kind = field.type.removeprefix("list of ")
         if kind == field.type:

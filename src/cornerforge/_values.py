@@ -92,7 +92,7 @@ def column_fault(column: pa.ChunkedArray, field: Field, name_of: Callable[[int],
     wanted = arrow_type(field.type)
     if not _same_type(column.type, wanted):
         return f'the column "{field.name}" is of type {column.type}; it must be {field.type}'
-    if column.null_count and not field.is_nullable:
+    if column.null_count and not field.nullable:
         row = int(np.flatnonzero(column.is_null().to_numpy())[0])
         return f'"{field.name}" of {name_of(row)} is missing; it must be {_must(field)}'
     values = values_of(column)
@@ -133,12 +133,12 @@ def _wrong(flat: NDArray[Any], field: Field) -> NDArray[np.bool_]:
     low, high = field.within or (np.finfo(np.float64).min, np.finfo(np.float64).max)
     nan = np.isnan(flat)
     wrong = ~nan & ((flat < low) | (flat > high))
-    return wrong if field.may_be_nan else wrong | nan
+    return wrong if field.nan else wrong | nan
 
 
 def _must(field: Field) -> str:
     if field.allowed:
-        return field.allowed if "," in field.unit else f"{field.allowed} {field.unit}".rstrip()
+        return f"{field.allowed} {field.unit}".rstrip()
     if "float" in field.type:
         return "finite" if field.within is None else "a number"
     return field.type

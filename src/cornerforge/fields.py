@@ -8,7 +8,7 @@ new series or column is added here first.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -56,8 +56,10 @@ class Field:
         type: Of a value: "string", "bool", "int8" and so on, "list of T", or "T[n]" for lists of n.
         unit: Of the values, "" for none.
         meaning: One sentence, with the edge values.
-        within: Smallest and largest value, inclusive; None: any. NaN and null have rules of their own (`is_nullable`,
-            `may_be_nan`).
+        within: Smallest and largest value, inclusive; None: any. NaN and null have rules of their own.
+        nullable: A value may be null; NaN stands for it in arrays.
+        optional: An object may lack it.
+        nan: A value, or one in a list, may be NaN.
     """
 
     name: str
@@ -65,16 +67,9 @@ class Field:
     unit: str
     meaning: str
     within: tuple[float, float] | None = None
-
-    @property
-    def is_nullable(self) -> bool:
-        """May a value be missing? NaN stands for it in arrays."""
-        return "null" in self.meaning
-
-    @property
-    def may_be_missing(self) -> bool:
-        """May an object lack it?"""
-        return "may be missing" in self.meaning
+    nullable: bool = False
+    optional: bool = False
+    nan: bool = False
 
     @property
     def allowed(self) -> str:
@@ -89,11 +84,6 @@ class Field:
         if high >= _ENDLESS or low <= -_LARGEST:
             return f"at least {low:g}" if high >= _ENDLESS else f"at most {high:g}"
         return f"{low:g} to {high:g}"
-
-    @property
-    def may_be_nan(self) -> bool:
-        """May a value, or one in a list, be NaN?"""
-        return "NaN" in self.meaning
 
 
 @dataclass(frozen=True)
@@ -114,21 +104,26 @@ class Series:
 _FLAT = "vehicle by vehicle: vehicle i at frame t stands at i * n_frames + t"
 
 SERIES: tuple[Series, ...] = (
-    Series("x", "<f8", Field("x_m", "float32", "m", f"Box centre along the road, {_FLAT}; NaN where absent.", _METRES)),
+    Series("x", "<f8", Field("x_m", "float32", "m", f"Box centre along the road, {_FLAT}; NaN where absent.", _METRES,
+          nan=True)),
     Series(
         "y", "<f8",
-        Field("y_m", "float32", "m", "Box centre, to the left of the right road edge; NaN where absent.", _METRES),
+        Field("y_m", "float32", "m", "Box centre, to the left of the right road edge; NaN where absent.", _METRES,
+              nan=True),
     ),
-    Series("speed", "<f8", Field("speed_mps", "float32", "m/s", "Along the road; NaN where absent.", _SPEEDS)),
+    Series("speed", "<f8", Field("speed_mps", "float32", "m/s", "Along the road; NaN where absent.", _SPEEDS,
+          nan=True)),
     Series(
         "heading", "<f8",
         Field(
-            "heading_rad", "float32", "rad", "Counter-clockwise from the road's direction; NaN where absent.", _ANGLES
+            "heading_rad", "float32", "rad", "Counter-clockwise from the road's direction; NaN where absent.", _ANGLES,
+            nan=True,
         ),
     ),
     Series(
         "acceleration", "<f8",
-        Field("acceleration_mps2", "float32", "m/s2", "Along the road, at this frame; NaN where absent.", _SHARPNESS),
+        Field("acceleration_mps2", "float32", "m/s2", "Along the road, at this frame; NaN where absent.", _SHARPNESS,
+              nan=True),
     ),
     Series(
         "target_lane", "i1",
@@ -180,15 +175,16 @@ def _limits(who: str, name: str) -> tuple[Field, ...]:
     return (
         Field(
             f"{who}_max_acceleration_mps2", real, "m/s2", f"Largest acceleration of {name}; null below 2 frames.",
-            _GREATEST,
+            _GREATEST, nullable=True,
         ),
         Field(
             f"{who}_max_braking_mps2", real, "m/s2", f"Largest braking of {name}, positive; null below 2 frames.",
-            _GREATEST,
+            _GREATEST, nullable=True,
         ),
         Field(
             f"{who}_max_lateral_acceleration_mps2", real, "m/s2",
             f"Largest |lateral acceleration| of {name}, second differences of y; null below 3 frames.", _GREATEST,
+            nullable=True,
         ),
     )  # fmt: skip
 
@@ -197,23 +193,31 @@ SHORTFALL: tuple[Field, ...] = (
     Field(
         "shortfall_nats", "float64", "nats",
         "How far ln P(critical BV's actions), human errors included, falls short of the likeliest ones'; inf: one was "
-        "impossible; null: not recorded.", _POSITIVE,
+        "impossible; null: not recorded.", _POSITIVE, nullable=True,
     ),
     Field(
         "possible_shortfall_nats", "float64", "nats",
-        "The same of the possible actions alone; null: not recorded.", _POSITIVE,
+        "The same of the possible actions alone; null: not recorded.", _POSITIVE, nullable=True,
     ),
     Field(
         "n_implausible", "int64", "",
         "Critical BV's decisions that no natural driver makes, not even in error; null: not recorded.", (0, _INT16),
+        nullable=True,
     ),
 )  # fmt: skip
 """Log-probability of the critical BV's actions against the likeliest ones (ADR 12); early libraries may lack it."""
 
 PARTNER: tuple[Field, ...] = (
     Field("bv_kind", "int8", "", "Class of the crash partner: 0 car, 1 truck, 2 motorcycle.", (0, 2)),
-    Field("bv_length_m", "float64", "m", "Length of the crash partner; null: an early library, of cars.", SIZES),
-    Field("bv_width_m", "float64", "m", "Width of the crash partner; likewise: null.", SIZES),
+    Field(
+        "bv_length_m",
+        "float64",
+        "m",
+        "Length of the crash partner; null: an early library, of cars.",
+        SIZES,
+        nullable=True,
+    ),
+    Field("bv_width_m", "float64", "m", "Width of the crash partner; likewise: null.", SIZES, nullable=True),
 )
 """Class and size of the crash partner; early libraries lack it."""
 
@@ -243,16 +247,19 @@ CASES: tuple[Field, ...] = (
     *_limits("av", "the AV"),
     *_limits("bv", "the crash partner"),
     Field("physically_plausible", "bool", "", "AV, partner: -8.5..4 m/s2 along, 4 m/s2 across the road."),
-    Field("min_ttc_s", "float64", "s", "Smallest TTC of the AV before contact; null: never closing.", (0.0, _LARGEST)),
+    Field("min_ttc_s", "float64", "s", "Smallest TTC of the AV before contact; null: never closing.", (0.0, _LARGEST),
+          nullable=True),
     Field("n_vehicles", "int16", "", "Vehicles in the test, the AV among them.", (2, _INT16)),
     Field("n_decisions", "int16", "", "Decisions (one a second) in the test.", (0, _INT16)),
-    Field("log_prob_nde", "float64", "", "ln P(critical BV's actions) in the NDE; null: P = 0.", (-_LARGEST, 0.0)),
+    Field("log_prob_nde", "float64", "", "ln P(critical BV's actions) in the NDE; null: P = 0.", (-_LARGEST, 0.0),
+          nullable=True),
     Field("n_impossible", "int16", "", "Critical BV's decisions of probability 0 in the NDE.", (0, _INT16)),
     Field("trajectory_digest", "string", "", "Of all vehicles at full precision; for `replay --check`."),
     Field("critical_bv_action", "list of int8", "", "Critical BV's action at each decision; -1: no BV.", (-1, 32)),
     Field(
         "history", f"float32[{HISTORY_SHAPE[0] * HISTORY_SHAPE[1] * HISTORY_SHAPE[2]}]", "m, m/s, rad",
         f"[second 0..15 before contact][AV, partner][{', '.join(POSE)}], flat; NaN before the test began.", _METRES,
+        nan=True,
     ),
     *SHORTFALL,
     *PARTNER,
@@ -263,11 +270,7 @@ TRACKS: tuple[Field, ...] = (
     Field("case_id", "string", "", "Name of the case, seed:test."),
     Field("n_frames", "int32", "", "Frames, 0.1 s apart, from the start of the test to contact.", (1, 2**31 - 1)),
     Field("slot", "list of int16", "", "Slots of the stored vehicles; the AV first.", (0, _INT16)),
-    *(Field(s.column.name, f"list of {s.column.type}", s.column.unit, s.column.meaning, s.column.within) for s in BODY),
-    *(
-        Field(s.column.name, f"list of {s.column.type}", s.column.unit, s.column.meaning, s.column.within)
-        for s in SERIES
-    ),
+    *(replace(one.column, type=f"list of {one.column.type}") for one in (*BODY, *SERIES)),
     Field("action", "list of int8", "", "Decision k of vehicle i at i * n_decisions + k; -1: none.", (-1, 32)),
     Field(
         "critical_bv", "list of int16", "", "Critical BV's index into `slot` at each decision; -1: none.", (-1, _INT16)

@@ -167,30 +167,32 @@ class Avoidability:
 
 AVOIDABILITY_COLUMNS: tuple[Field, ...] = (
     Field("case_id", "string", "", "Name of the case, seed:test."),
-    Field("avoidability", "string", "", f"{', '.join(LABELS)}; null: see avoidability_problem."),
-    Field("avoidability_problem", "string", "", "Why the case cannot be judged; null: it was."),
+    Field("avoidability", "string", "", f"{', '.join(LABELS)}; null: see avoidability_problem.", nullable=True),
+    Field("avoidability_problem", "string", "", "Why the case cannot be judged; null: it was.", nullable=True),
     Field("manoeuvre_begin_s", "float64", "s", "Begin of the manoeuvre that led to it, before the contact; null: not "
-          "judged.", BEFORE_CONTACT),
+          "judged.", BEFORE_CONTACT, nullable=True),
     Field("latest_braking_s", "float64", "s", "Latest moment, before the contact, from which accelerations "
-          "alone help; null: none since the manoeuvre began.", BEFORE_CONTACT),
+          "alone help; null: none since the manoeuvre began.", BEFORE_CONTACT, nullable=True),
     Field("latest_steering_s", "float64", "s", "The same of lane changes at constant speed alone; null: none.",
-          BEFORE_CONTACT),
+          BEFORE_CONTACT, nullable=True),
     Field("latest_any_s", "float64", "s", "The last way out: the same of anything, before "
-          "the manoeuvre began too; null: none.", BEFORE_CONTACT),
+          "the manoeuvre began too; null: none.", BEFORE_CONTACT, nullable=True),
     Field("time_to_react_s", "float64", "s", "From the manoeuvre's begin to latest_any_s; negative: the AV "
-          "would have had to foresee it; null: no way out.", (-1e5, 1e5)),
+          "would have had to foresee it; null: no way out.", (-1e5, 1e5), nullable=True),
     Field("avoidability_exhaustive", "bool", "", "False: a search ran out of room, more ways may exist; null: not "
-          "looked at."),
+          "looked at.", nullable=True),
     Field("witness_x_m", "list of float32", "m", "AV on the way out from latest_any_s on, every 0.1 s; null: no way "
-          "out.", (-1e5, 1e5)),
+          "out.", (-1e5, 1e5), nullable=True),
     Field("witness_y_m", "list of float32", "m", "Likewise, to the left of the right road edge; null likewise.",
-          (-1e3, 1e3)),
-    Field("witness_speed_mps", "list of float32", "m/s", "Likewise, along the road; null likewise.", (-100.0, 200.0)),
+          (-1e3, 1e3), nullable=True),
+    Field("witness_speed_mps", "list of float32", "m/s", "Likewise, along the road; null likewise.", (-100.0, 200.0),
+          nullable=True),
     Field("witness_heading_rad", "list of float32", "rad", "Likewise, counter-clockwise from the road's direction; "
-          "null likewise.", (-4.0, 4.0)),
+          "null likewise.", (-4.0, 4.0), nullable=True),
     Field("witness_acceleration_mps2", "list of float32", "m/s2", "Commanded from each of its decisions on; null "
-          "likewise.", (-100.0, 100.0)),
-    Field("witness_lane", "list of int8", "", "Target lane from each of its decisions on; null likewise.", (0, 5)),
+          "likewise.", (-100.0, 100.0), nullable=True),
+    Field("witness_lane", "list of int8", "", "Target lane from each of its decisions on; null likewise.", (0, 5),
+          nullable=True),
 )  # fmt: skip
 """Columns of `avoidability_table`."""
 

@@ -40,10 +40,11 @@ _SHARE = (0.0, 1.0 + 1e-9)
 
 VALUE_COLUMNS: tuple[Field, ...] = (
     Field("value_own_doing", "float64", "", "How much it was the AV's own doing, 0 to 1 (docs/adr/0041).", _SHARE),
-    Field("value_avoidability", "float64", "", "Time to react over 2 s, 0 to 1; null: not looked at.", _SHARE),
+    Field("value_avoidability", "float64", "", "Time to react over 2 s, 0 to 1; null: not looked at.", _SHARE,
+          nullable=True),
     Field("value_severity", "float64", "", "1 + log10 P(MAIS 3+ in the AV) / 3, 0 to 1.", _SHARE),
     Field("value_novelty", "float64", "", "Share of the other cases that lie in denser company, 0 to 1.", _SHARE),
-    Field("value", "float64", "", "Mean of the four, 0 to 1; null: one of them is not known.", _SHARE),
+    Field("value", "float64", "", "Mean of the four, 0 to 1; null: one of them is not known.", _SHARE, nullable=True),
 )  # fmt: skip
 """What `values_of` adds."""
 

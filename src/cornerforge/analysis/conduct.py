@@ -56,7 +56,8 @@ _NONE, _HESITATES, _NOT_BEHIND, _NOT_BESIDE, _LATE, _STOPS, _NEVER, _CLOSE, _CUT
 CONDUCT_COLUMNS: tuple[Field, ...] = (
     Field("conduct", "string", "", f"What the AV did wrong: {', '.join(CONDUCTS)} (`analysis.conduct`)."),
     Field("conduct_side", "string", "", "Side on which the other was when their paths met: left, right; none: ahead."),
-    Field("conduct_s", "float64", "s", "When it began, before contact; null: it did nothing wrong.", BEFORE_CONTACT),
+    Field("conduct_s", "float64", "s", "When it began, before contact; null: it did nothing wrong.", BEFORE_CONTACT,
+          nullable=True),
 )  # fmt: skip
 """Columns that `Conduct.columns` makes, in its order."""
 _SIDES = ("none", "left", "right")

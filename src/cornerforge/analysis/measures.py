@@ -11,7 +11,7 @@ partner is the vehicle that the AV touches.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,38 +51,42 @@ def _column(name: str, unit: str, meaning: str) -> Field:
     return Field(name, "float64", unit, meaning, _RANGES[unit])
 
 
+def _or_null(name: str, unit: str, meaning: str) -> Field:
+    return replace(_column(name, unit, meaning), nullable=True)
+
+
 MEASURES: tuple[Field, ...] = (
-    _column("min_bbd_front_m", "m", "Least bumper distance to the vehicle ahead in the AV's path; null: none."),
-    _column("min_bbd_rear_m", "m", "Least bumper distance to the vehicle behind in the AV's path; null: none."),
-    _column("min_ttc_front_s", "s", "Least TTC of the AV to a vehicle ahead in its path; null: none, or not closing."),
-    _column("min_ttc_rear_s", "s", "Least TTC of the vehicle behind in the AV's path; null: none, never closing."),
-    _column("min_thw_front_s", "s", "Least time headway of the AV to the vehicle ahead in its path; null: none."),
-    _column("min_thw_rear_s", "s", "Least time headway of the vehicle behind in the AV's path; null: none, standing."),
-    _column(
+    _or_null("min_bbd_front_m", "m", "Least bumper distance to the vehicle ahead in the AV's path; null: none."),
+    _or_null("min_bbd_rear_m", "m", "Least bumper distance to the vehicle behind in the AV's path; null: none."),
+    _or_null("min_ttc_front_s", "s", "Least TTC of the AV to a vehicle ahead in its path; null: none, or not closing."),
+    _or_null("min_ttc_rear_s", "s", "Least TTC of the vehicle behind in the AV's path; null: none, never closing."),
+    _or_null("min_thw_front_s", "s", "Least time headway of the AV to the vehicle ahead in its path; null: none."),
+    _or_null("min_thw_rear_s", "s", "Least time headway of the vehicle behind in the AV's path; null: none, standing."),
+    _or_null(
         "max_drac_front_mps2", "m/s2",
         "Most braking that the AV needed for the vehicle ahead in its path; 0: never closing; inf: level; null: none.",
     ),
-    _column(
+    _or_null(
         "max_drac_rear_mps2", "m/s2",
         "Most braking that the vehicle behind in the AV's path needed; 0: never closing; inf: level; null: none.",
     ),
-    _column(
+    _or_null(
         "min_rss_margin_front_m", "m",
         "Least room beyond the RSS distance of the AV to the vehicle ahead in its path; < 0: unsafe; null: none.",
     ),
-    _column(
+    _or_null(
         "min_rss_margin_rear_m", "m",
         "Least room beyond the RSS distance of the vehicle behind in the AV's path; < 0: unsafe; null: none.",
     ),
-    _column(
+    _or_null(
         "min_rss_margin_m", "m",
         "Least RSS margin of AV and partner before contact, that along or across, whichever is larger; < 0: danger; "
         "null: no frame.",
     ),
-    _column("rss_margin_1s_m", "m", "That margin 1 s before contact; null: not recorded then."),
-    _column("bbd_1s_m", "m", "BBD to the partner 1 s before contact, in any lane; < 0: level; null: not recorded."),
-    _column("ttc_1s_s", "s", "TTC with the partner then, in any lane; 0: level; null: not closing or not recorded."),
-    _column(
+    _or_null("rss_margin_1s_m", "m", "That margin 1 s before contact; null: not recorded then."),
+    _or_null("bbd_1s_m", "m", "BBD to the partner 1 s before contact, in any lane; < 0: level; null: not recorded."),
+    _or_null("ttc_1s_s", "s", "TTC with the partner then, in any lane; 0: level; null: not closing or not recorded."),
+    _or_null(
         "pet_s", "s",
         "From one entering the other's path until the rear one is where the front one's rear was then; 0: level; null: "
         "they were in one path from the start.",

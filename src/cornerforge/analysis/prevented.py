@@ -53,13 +53,13 @@ def _column(driver: str) -> str:
 
 PREVENTED_COLUMNS: tuple[Field, ...] = (
     Field("prevented_by", "string", "", f"Reference drivers that would have prevented it, of {', '.join(CAREFUL)}; "
-          f'"{_NOBODY}": none; null: it cannot be judged.'),
+          f'"{_NOBODY}": none; null: it cannot be judged.', nullable=True),
     Field("held_speed_prevents", "bool", "", "Would it have been prevented by holding the speed, without any braking? "
-          "null: it cannot be judged."),
+          "null: it cannot be judged.", nullable=True),
     *(Field(f"least_ttc_{_column(name)}_s", "float64", "s", f"Least time to collision of {name} in the AV's place; "
-            "null: it never closes in on a vehicle in front.", (0.0, float("inf"))) for name in CAREFUL),
+            "null: it never closes in on a vehicle in front.", (0.0, float("inf")), nullable=True) for name in CAREFUL),
     *(Field(f"braking_{_column(name)}_mps2", "float64", "m/s2", f"Hardest braking of {name} in the AV's place; "
-            "null: it cannot be judged.", (0.0, 1e3)) for name in CAREFUL),
+            "null: it cannot be judged.", (0.0, 1e3), nullable=True) for name in CAREFUL),
 )  # fmt: skip
 """Columns of `Prevention.columns`."""
 

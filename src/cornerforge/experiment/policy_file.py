@@ -45,6 +45,7 @@ POLICY_FIELDS: tuple[Field, ...] = (
         "nats",
         "Likelihood budget; null: no limit, and where it is not bounded.",
         (0.0, MAX_BUDGET),
+        nullable=True,
     ),
     Field("about", "object", "", "How it was trained: free text and numbers that nothing depends on."),
 )

@@ -64,7 +64,7 @@ RAILS_TRACKS: tuple[Field, ...] = (
         "rails", "list of float64", "m, m/s, rad, m/s2",
         "Where each vehicle is told to be at each frame, exactly: frame after frame, in it vehicle after vehicle, of "
         "each x, y, speed along and across the road, heading, acceleration and lane; NaN for the AV and where it is "
-        "absent.", (-1e6, 1e6),
+        "absent.", (-1e6, 1e6), nan=True,
     ),
 )  # fmt: skip
 """Columns of the tracks file of a library whose cases are on rails; `action` moves nobody there."""
@@ -94,13 +94,13 @@ MANIFEST_FIELDS: tuple[Field, ...] = (
         "",
         "Road and rules: the fields of `cornerforge.Odd`; what came after version 0.1 may be left out.",
     ),
-    Field("extra", "object", "", "Own columns of the library, type by name; null: no case yet."),
+    Field("extra", "object", "", "Own columns of the library, type by name; null: no case yet.", nullable=True),
     Field("shards", "list of object", "", "The shards, ascending by test."),
     Field("next_test", "int64", "", "All tests below it are done.", _COUNT),
     Field("tests", "int64", "", "Tests done.", _COUNT),
     Field("crashes", "int64", "", "AV crashes among them; may exceed the cases stored.", _COUNT),
     Field("finished", "bool", "", "The run reached its target."),
-    Field("sha256", "string", "", "Of the other keys; may be missing in libraries of version 0.1."),
+    Field("sha256", "string", "", "Of the other keys; may be missing in libraries of version 0.1.", optional=True),
 )
 """What a manifest holds."""
 
@@ -109,23 +109,29 @@ IDENTITY_FIELDS: tuple[Field, ...] = (
     Field("odd", "string", "", "Name of the ODD."),
     Field("lanes", "int64", "", "Lanes of the road.", (1, 6)),
     Field("av", "string", "", "The AV, as it was named."),
-    Field("av_hash", "hex", "", "Hash of its parameters, weights or code; null: several AVs."),
+    Field("av_hash", "hex", "", "Hash of its parameters, weights or code; null: several AVs.", nullable=True),
     Field("model_hash", "hex", "", "Hash of what decides how the naturalistic model drives."),
     Field("bv", "string", "", "What drives the BVs."),
     Field("bounded", "bool", "", "The adversary takes only actions that the naturalistic model can take."),
-    Field("budget", "float64", "nats", "Likelihood budget; null: no limit.", (0.0, 1e6)),
+    Field("budget", "float64", "nats", "Likelihood budget; null: no limit.", (0.0, 1e6), nullable=True),
     Field("acting", "string", "", "How policies act: greedily, or at random."),
     Field("policies", "int64", "", "How many policies drive, in turn.", (0, 10_000)),
-    Field("policy_hash", "hex", "", "Hash of them; null: none."),
-    Field("av_steers", "bool", "", "The AV steers; may be missing: it does not."),
-    Field("config_hash", "hex", "", "Hash of the settings; may be missing in early libraries."),
-    Field("cornerforge", "string", "", "Version that drove; may be missing."),
-    Field("code", "hex", "", "Hash of the code that drove; may be missing."),
-    Field("scripted", "bool", "", "All cases are scripted; may be missing: they are tests of the seed."),
-    Field("on_rails", "bool", "", "The other vehicles are on rails; may be missing: they drive."),
-    Field("moving_cases", "hex", "", "Hash of how others move in cases of recordings or other tools; may be missing."),
-    Field("source", "hex", "", "Hash of the identity of the library that was shrunk; may be missing."),
-    Field("source_bv", "string", "", "What drove the BVs there; may be missing."),
+    Field("policy_hash", "hex", "", "Hash of them; null: none.", nullable=True),
+    Field("av_steers", "bool", "", "The AV steers; may be missing: it does not.", optional=True),
+    Field("config_hash", "hex", "", "Hash of the settings; may be missing in early libraries.", optional=True),
+    Field("cornerforge", "string", "", "Version that drove; may be missing.", optional=True),
+    Field("code", "hex", "", "Hash of the code that drove; may be missing.", optional=True),
+    Field("scripted", "bool", "", "All cases are scripted; may be missing: they are tests of the seed.", optional=True),
+    Field("on_rails", "bool", "", "The other vehicles are on rails; may be missing: they drive.", optional=True),
+    Field(
+        "moving_cases",
+        "hex",
+        "",
+        "Hash of how others move in cases of recordings or other tools; may be missing.",
+        optional=True,
+    ),
+    Field("source", "hex", "", "Hash of the identity of the library that was shrunk; may be missing.", optional=True),
+    Field("source_bv", "string", "", "What drove the BVs there; may be missing.", optional=True),
 )
 """What `run` of a library's manifest, and `identity` of a provenance, hold of an experiment; commands add keys."""
 
@@ -167,7 +173,7 @@ def own_fields(extra: Mapping[str, str]) -> tuple[Field, ...]:
     """
     known = {field.name: field for field in (*CASES, *AV_SIZES)}
     anything = "One of the caller's own; may be NaN.", (-math.inf, math.inf)
-    own = [known.get(name) or Field(name, _EXTRA[kind], "", *anything) for name, kind in extra.items()]
+    own = [known.get(name) or Field(name, _EXTRA[kind], "", *anything, nan=True) for name, kind in extra.items()]
     return tuple(field for field in own if field not in CASES)
 
 

@@ -95,7 +95,7 @@ def tables_of(
 
 def _numbers(values: NDArray[Any], column: Field) -> pa.Array:
     """Copy numbers into a column; buffers are reused, so nothing may point into them."""
-    return pa.array(values.copy(), type=arrow_type(column.type), from_pandas=column.is_nullable)
+    return pa.array(values.copy(), type=arrow_type(column.type), from_pandas=column.nullable)
 
 
 def _lists(flat: NDArray[Any], sizes: NDArray[Any]) -> pa.ListArray:
