@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.metadata
 import json
 import re
@@ -246,3 +247,20 @@ def test_starting_is_light(module: str, tmp_path: Path) -> None:
 def test_the_installed_program_is_there() -> None:
     (entry,) = importlib.metadata.entry_points(group="console_scripts", name="cornerforge")
     assert callable(entry.load())
+
+
+WEAK = frozenset(
+    ["who", "whom", "whose", "which", "what", "it", "its", "they", "them", "their", "this", "that", "these", "those", "such", "as", "of", "in", "on", "at", "by", "for", "from", "with", "without", "to", "into", "under", "over", "between", "within", "about", "after", "before", "until"]
+)
+
+
+def test_no_docstring_begins_with_a_pronoun_or_a_preposition() -> None:
+    """First sentences have a noun or a verb first, so that they can be read alone."""
+    found = []
+    for path in sorted((ROOT / "src").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+                first = re.match(r"\W*(\w+)", ast.get_docstring(node) or "")
+                if first is not None and first[1].lower() in WEAK:
+                    found.append(f"{path.name}:{getattr(node, 'lineno', 1)}: {first[1]}")
+    assert found == []

@@ -45,7 +45,7 @@ Values = NDArray[Any] | Ragged
 
 @dataclass(frozen=True)
 class Relation:
-    """What must hold between columns of a row, and what else is known of the file.
+    """Relation between columns of a row, given facts of the file.
 
     Attributes:
         column: The column that is named where it does not hold.

@@ -1,4 +1,4 @@
-"""What is recorded: names, types, units and meanings of a test's series and of a case's columns, in one list each.
+"""Recorded data: names, types, units and meanings of a test's series and of a case's columns, in one list each.
 
 These lists make the record of one vehicle in one frame (`FRAME_FIELDS`), the order of a digest, the columns that the
 kernel fills (`CASE_ROW`), the Parquet schemas, their documentation, and the loops of all code that reads recordings. A

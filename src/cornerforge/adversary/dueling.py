@@ -139,7 +139,7 @@ class Sgd:
         self.steps += 1
 
     def arrays(self) -> dict[str, Tensor]:
-        """What it remembers besides `steps`: nothing."""
+        """Names of its further state: none besides `steps`."""
         return {}
 
 
@@ -162,5 +162,5 @@ class Adam:
         weights.addcdiv_(self._mean, self._scratch, value=-learning_rate / (1.0 - 0.9**self.steps))
 
     def arrays(self) -> dict[str, Tensor]:
-        """What it remembers besides `steps`."""
+        """Names of its further state besides `steps`."""
         return {"mean": self._mean, "square": self._square}

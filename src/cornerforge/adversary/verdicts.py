@@ -1,4 +1,4 @@
-"""Who judges crashes for rewards that are given case by case: the functions by which `analyse` judges stored cases."""
+"""Judges of crashes for rewards that are given case by case: the functions by which `analyse` judges stored cases."""
 
 from __future__ import annotations
 

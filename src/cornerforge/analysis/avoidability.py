@@ -71,7 +71,7 @@ _DEFAULT_ACCELERATIONS = (-8.0, -4.0, 0.0, 2.0)
 
 @dataclass(frozen=True)
 class AvoidParams:
-    """What the AV may do, and what counts as avoided.
+    """Manoeuvres that the AV may try, and the condition of an avoided crash.
 
     Attributes:
         decision_s: Time between two decisions of the AV, 0.1 to 0.5, a multiple of 0.1.

@@ -1,4 +1,4 @@
-"""What the AV itself did wrong in a crash, read from the recorded motion alone, so for any AV.
+"""The AV's own mistakes before a crash, read from the recorded motion alone, so for any AV.
 
 RSS says who broke a rule last, a way out what hindsight could have done. An engineer asks what his AV does. The rules
 look at the AV and the vehicle that it touched; in this order, the first that fits names the case, else "none":
@@ -300,7 +300,7 @@ def _judge_all(m: _Motion, first: NDArray[np.int64], lane_width: float, out: NDA
 
 @dataclass(frozen=True)
 class Conduct:
-    """What the AV did wrong in each of S cases.
+    """The AV's mistakes in each of S cases.
 
     Attributes:
         code: Place in `CONDUCTS`, int64, shape (S,).

@@ -1,4 +1,4 @@
-"""Which reference drivers would have prevented a crash, in the AV's place (ADR 39; `counterfactual.careful`)."""
+"""Reference drivers that would have prevented a crash in the AV's place (ADR 39; `counterfactual.careful`)."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ PREVENTED_COLUMNS: tuple[Field, ...] = (
 
 @dataclass(frozen=True)
 class Prevented:
-    """What a reference driver makes of one crash.
+    """Outcome of one crash with a reference driver in the AV's place.
 
     Attributes:
         prevented: Nobody touches it until the horizon, and from there it can stop.
@@ -101,7 +101,7 @@ class Driven:
 
 @dataclass(frozen=True)
 class Prevention:
-    """What the reference drivers make of C cases; columns in the order of `CAREFUL`.
+    """Outcomes of C cases with the reference drivers; columns in the order of `CAREFUL`.
 
     Attributes:
         judged: False where the recording cannot be judged, (C,).

@@ -1,4 +1,4 @@
-"""What people see: progress bars, the object or the text at the end, and sentences on rates."""
+"""Output for people: progress bars, the object or the text at the end, and sentences on rates."""
 
 from __future__ import annotations
 
@@ -262,7 +262,7 @@ def _miles(kind: NaturalKind) -> str:
 
 
 def wrong_text(natural: Analysed | None, adversary: Analysed | None) -> list[str]:
-    """What the AV does wrong, by natural cases and by those of an adversary; nothing where nobody looked."""
+    """Say what the AV does wrong, by natural cases and by those of an adversary; "" where no judge looked."""
     told = [None if one is None else one.own_doing for one in (natural, adversary)]
     if told == [None, None]:
         return []

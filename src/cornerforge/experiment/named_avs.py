@@ -1,4 +1,4 @@
-"""Which AVs from outside this user has named, and where: a library that asks for another one does not get it started.
+"""Record of the AVs from outside that this user has named, and where: a library cannot start another one.
 
 A library says which AV made it, and an AV from outside is code. Who sends a library could write any command there. So
 an AV is started for a library only if the user has named it before, in the same folder: on a command line, in a config

@@ -1,4 +1,4 @@
-"""What only some users need, a folder each; the core imports none of it."""
+"""Extensions that only some users need, a folder each; the core imports none of it."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ _LINE = 700
 
 @dataclass(frozen=True)
 class Happened:
-    """What became of a case.
+    """Outcome of a case.
 
     Attributes:
         frame: Frame (0.1 s) of the contact, counted from the start; None: the AV touched nobody.

@@ -1,4 +1,4 @@
-"""What writers take and what readers give."""
+"""Cases as writers take them and readers give them."""
 
 from __future__ import annotations
 

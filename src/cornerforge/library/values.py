@@ -1,4 +1,4 @@
-"""What must hold between the values of a library: of a case, of its trajectories, and of the two."""
+"""Relations between the values of a library: of a case, of its trajectories, and of the two."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _LEAST_START = 10
 
 @dataclass(frozen=True)
 class ShardFacts:
-    """What the manifest says of a shard.
+    """Facts of a shard in the manifest.
 
     Attributes:
         seed: Of the run.
@@ -94,7 +94,7 @@ def _known(column: str) -> Relation:
 
 
 def _whole_shortfall(v: Values, _: Any) -> Holds:
-    """What is not recorded, NaN, may be anything."""
+    """Tell where a value holds or is not recorded (NaN)."""
     whole, possible, implausible = v["shortfall_nats"], v["possible_shortfall_nats"], v["n_implausible"]
     unknown = np.isnan(whole) | np.isnan(possible) | np.isnan(implausible)
     wanted = np.where(implausible > 0, np.inf, possible)

@@ -74,7 +74,7 @@ class ModelSpread:
 
     @property
     def cv95(self) -> tuple[float, float]:
-        """Its 95 % interval."""
+        """Interval of 95 %."""
         low, high = self.log_sd95
         return _cv(low), _cv(high)
 

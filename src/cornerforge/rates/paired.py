@@ -25,7 +25,7 @@ RATIO = 2.0
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a sequential test came to.
+    """Result of a sequential test.
 
     Attributes:
         word: "worse", "better", "alike" or "open": neither is shown yet.

@@ -306,7 +306,7 @@ class Splitting:
 
     @property
     def cost(self) -> Cost:
-        """What driving took, without teaching."""
+        """Cost of driving, without teaching."""
         return Cost(tests=self.trees, cpu_seconds=float(sum(float(block["cpu_seconds"]) for block in self._blocks)))
 
     @property

@@ -77,7 +77,7 @@ _DULL = 0.3
 
 @dataclass(frozen=True)
 class Taught:
-    """What teaching came to.
+    """Result of teaching.
 
     Attributes:
         network: The danger.

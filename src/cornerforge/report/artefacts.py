@@ -43,7 +43,7 @@ _BILLION = 1e9
 
 @dataclass(frozen=True, kw_only=True)
 class Rate:
-    """What the page shows of a crash rate: of fields of `Simulated`, `Filled` and `Baseline`, those that each may have.
+    """Part of a crash rate that the page shows: fields of `Simulated`, `Filled` and `Baseline`.
 
     Attributes:
         name: What drove the background vehicles.
@@ -82,7 +82,7 @@ class FilledRate(Rate):
 
 @dataclass(frozen=True, kw_only=True)
 class OnRoads(Rate):
-    """What the page shows of the natural rate (`NaturalRate`)."""
+    """Part of the natural rate (`NaturalRate`) that the page shows."""
 
     method: str
     plain_tests: int
@@ -100,7 +100,7 @@ class OnRoads(Rate):
 
 @dataclass(frozen=True, kw_only=True)
 class Summary:
-    """What the page shows of `RunDone`; early files may lack what has a default, and so does a single library."""
+    """Part of `RunDone` that the page shows; early files may lack what has a default, and so does a single library."""
 
     av: str
     version: str = "unknown"
@@ -172,7 +172,7 @@ class Artefacts:
 
 @dataclass(frozen=True)
 class Emptiness:
-    """What there is to show of a run for some hours in which the adversary made the AV crash in no test.
+    """Artefacts of a run for some hours in which the adversary made the AV crash in no test.
 
     Attributes:
         summary: In numbers.

@@ -166,7 +166,7 @@ def ghost(scenario: Scenario, way_out: WayOut, first: int) -> dict[str, Any] | N
 
 
 def _rounded(values: NDArray[np.float64], decimals: int = 3) -> list[float | None]:
-    """As JSON numbers; NaN and infinity, which JSON lacks, become None."""
+    """Make JSON numbers; NaN and infinity, which JSON lacks, become None."""
     # Adding 0 turns -0.0 into 0.0, which is shorter to write.
     exact = np.round(values.astype(np.float64), decimals) + 0.0
     return [value if math.isfinite(value) else None for value in exact.tolist()]

@@ -63,7 +63,7 @@ class Front:
 
 @dataclass(frozen=True)
 class Known:
-    """What the first screen is made of.
+    """Content of the first screen.
 
     Attributes:
         analysis: Of the page's library.
@@ -92,7 +92,7 @@ def _range(low: float, high: float) -> str:
 
 
 def _what(known: Known) -> Answer:
-    """What the AV does wrong; or that nothing was found, and what happens most."""
+    """Say what the AV does wrong; or that nothing was found, and what happens most."""
     question = "What does it do wrong?"
     told: list[tuple[OwnDoing, str]] = []
     if known.natural is not None and known.natural.own_doing is not None:

@@ -283,7 +283,7 @@ def cluster_table(analysis: Analysed) -> Table:
 
 
 def loading_table(analysis: Analysed) -> Table:
-    """What the principal components are made of."""
+    """Table of the features in the principal components."""
     rows = [[name, f"{pc1:+.3f}", f"{pc2:+.3f}"] for name, (pc1, pc2) in analysis.loadings.items()]
     return Table("Loadings of the standardised features", ["feature", "component 1", "component 2"], rows)
 

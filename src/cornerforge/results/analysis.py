@@ -67,7 +67,7 @@ class ClusterChoice:
 
 @dataclass(frozen=True, kw_only=True)
 class Avoidability:
-    """Which of the drawn cases had a way out."""
+    """Shares of the drawn cases with a way out."""
 
     cases: int = field(metadata=meant("Cases drawn, for which a way out was searched."))
     reaction_s: float = field(metadata=meant("Time that the AV needs to react.", "s"))
@@ -95,7 +95,7 @@ class PreventedShare:
 
 @dataclass(frozen=True, kw_only=True)
 class Prevented:
-    """What reference drivers would have prevented in the AV's place (docs/adr/0039)."""
+    """Crashes that reference drivers would have prevented in the AV's place (docs/adr/0039)."""
 
     cases: int = field(metadata=meant("Cases that were judged."))
     by: dict[str, PreventedShare] = field(metadata=meant("By reference driver."))
@@ -155,7 +155,7 @@ class FlawShown:
 
 @dataclass(frozen=True, kw_only=True)
 class OwnDoing:
-    """What the AV itself does wrong (docs/adr/0041)."""
+    """The AV's own mistakes (docs/adr/0041)."""
 
     text: str = field(metadata=meant("What it does wrong, in a sentence; or that nothing was found."))
     flaws: tuple[FlawShown, ...] = field(metadata=meant("Flaws that stand out, largest share first; empty: none does."))
@@ -190,7 +190,7 @@ class TopCase:
 
 @dataclass(frozen=True, kw_only=True)
 class ValueFound:
-    """What is worth a look first."""
+    """Case to look at first."""
 
     weights: dict[str, float] = field(metadata=meant("Weight of each part of a value; they sum to 1."))
     top: tuple[TopCase, ...] = field(metadata=meant("Up to ten cases, most valuable first."))
@@ -198,7 +198,7 @@ class ValueFound:
 
 @dataclass(frozen=True, kw_only=True)
 class Coverage:
-    """Which kinds of crash were seen, and how likely the next case is of a new one."""
+    """Kinds of crash that were seen, and how likely the next case is of a new one."""
 
     cases: int = field(metadata=meant("Cases that were put into cells."))
     axes: dict[str, tuple[str, ...]] = field(metadata=meant("Axes of the grid, each with its labels."))

@@ -26,7 +26,7 @@ class Avs:
 
 @dataclass(frozen=True, kw_only=True)
 class AvCheck:
-    """What one trial of an AV found."""
+    """Result of one trial of an AV."""
 
     name: str = field(metadata=meant("Of the trial."))
     verdict: str = field(metadata=meant('"ok", "warn" or "FAIL".'))
@@ -45,7 +45,7 @@ class AvSpeed:
 
 @dataclass(frozen=True, kw_only=True)
 class AvDoes:
-    """What an AV's speed allows, about: tests to their ends, and no more processes than cores."""
+    """Work that an AV's speed allows, about: tests to their ends, and no more processes than cores."""
 
     answer_seconds: float = field(metadata=meant("Time of an answer in one world, of so many together.", "s"))
     batch: int = field(metadata=meant("Worlds that it is asked about together."))

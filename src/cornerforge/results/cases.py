@@ -141,7 +141,7 @@ class Varied:
 
 @dataclass(frozen=True, kw_only=True)
 class _PlausibilityTraining:
-    """Which training."""
+    """Identity of a training."""
 
     train_seed: int = field(metadata=meant("Seed of the training."))
     decisions: int = field(metadata=meant("Decisions learnt from."))

@@ -38,7 +38,7 @@ class Quantity:
 
 @dataclass(frozen=True, kw_only=True)
 class Distributions:
-    """What the traffic of BVs was like (`simulate --stats`)."""
+    """Distributions of the traffic of BVs (`simulate --stats`)."""
 
     speed: Quantity = field(metadata=meant("Speed along the road."))
     gap: Quantity = field(
@@ -59,7 +59,7 @@ class Distributions:
 
 @dataclass(frozen=True, kw_only=True)
 class Simulated(Rate):
-    """What tests came to, counted."""
+    """Counts of tests."""
 
     av_crashes: int = field(metadata=_AV_CRASHES)
     av_faults: int = field(metadata=_AV_FAULTS)
@@ -92,7 +92,7 @@ class Filled:
 
 @dataclass(frozen=True, kw_only=True)
 class BvMilesEstimate:
-    """From what sample the distance of the BVs is known."""
+    """Sample from which the distance of the BVs is known."""
 
     tests: int = field(metadata=meant("Tests of the sample, 4096 at most."))
     relative_error: float | None = field(
@@ -114,7 +114,7 @@ class CrashCircumstances:
 
 @dataclass(frozen=True, kw_only=True)
 class _RatedAv:
-    """Whose rate it is, and how it was found."""
+    """AV and method of a rate."""
 
     method: str = field(
         metadata=meant('"mc", plain Monte Carlo; "splitting", trees of tests; "is", importance sampling.')
@@ -127,7 +127,7 @@ class _RatedAv:
 
 @dataclass(frozen=True, kw_only=True)
 class Cost:
-    """What a part of the work took."""
+    """Cost of a part of the work."""
 
     tests: int = field(metadata=meant("Tests, or trees of tests."))
     cpu_seconds: float = field(metadata=meant("Time on processors, over all threads and sessions.", "s"))
@@ -135,7 +135,7 @@ class Cost:
 
 @dataclass(frozen=True, kw_only=True)
 class Effort:
-    """What a rate took, part by part; for mc all of it is plain."""
+    """Cost of a rate, part by part; for mc all of it is plain."""
 
     plain: Cost = field(metadata=meant("Tests as nature has them."))
     teaching: Cost = field(metadata=meant("Trees that a network learned from: which moments are dangerous."))

@@ -50,7 +50,7 @@ class _Training(Learned):
 
 @dataclass(frozen=True, kw_only=True)
 class _Named:
-    """Who is measured."""
+    """Adversary that is measured."""
 
     name: str = field(metadata=meant('Such as "swerve" and "swerve, bounded".'))
     bounded: bool = field(metadata=BOUNDED)
@@ -58,7 +58,7 @@ class _Named:
 
 @dataclass(frozen=True, kw_only=True)
 class Baseline(Yield, _Named):
-    """What a plain adversary reaches on the same tests."""
+    """Yield of a plain adversary on the same tests."""
 
 
 @dataclass(frozen=True, kw_only=True)

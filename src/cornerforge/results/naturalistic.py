@@ -289,7 +289,7 @@ class FittedLaneChanges:
 
 @dataclass(frozen=True, kw_only=True)
 class FittedPart:
-    """What a part of a fitted model comes from."""
+    """Source of a part of a fitted model."""
 
     name: str = field(metadata=meant("The part, in words."))
     source: str = field(metadata=meant("fitted, fitted in part, or prior."))

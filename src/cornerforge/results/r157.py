@@ -13,7 +13,7 @@ _NO_INTERVAL = "A grid is no sample, so there is no interval."
 
 @dataclass(frozen=True, kw_only=True)
 class _Verdicts:
-    """What an AV and the reference drivers do in some scenarios."""
+    """Outcomes of an AV and of the reference drivers in some scenarios."""
 
     scenarios: int = field(metadata=meant("Scenarios that the AV drove."))
     failed: int = field(metadata=meant("Those in which it touches another vehicle, or another vehicle touches it."))

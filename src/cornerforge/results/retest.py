@@ -48,7 +48,7 @@ class Compared(Difference):
 
 @dataclass(frozen=True, kw_only=True)
 class RetestedCase:
-    """What became of one case."""
+    """Outcome of one case."""
 
     case: str = field(metadata=meant("Case id, or name of the case file."))
     recorded: str = field(metadata=meant('Others as recorded: "fixed", "still crashing", "new", "never" or "failed".'))

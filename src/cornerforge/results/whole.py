@@ -80,7 +80,7 @@ class Exported:
 
 @dataclass(frozen=True, kw_only=True)
 class SpentOn:
-    """What one part of a run for some hours took, and what came of it."""
+    """Cost and result of one part of a run for some hours."""
 
     what: str = field(metadata=meant("The part, in words."))
     seconds: float = field(metadata=meant("Wall-clock, over all sessions.", "s"))
@@ -177,7 +177,7 @@ ExposedTo = Literal["bbd_front", "bbd_rear", "ttc_front", "ttc_rear"]
 
 @dataclass(frozen=True, kw_only=True)
 class Exposure:
-    """What the AV was exposed to, the paper's Figure 3; `exposure.json` of a run."""
+    """Exposure of the AV, the paper's Figure 3; `exposure.json` of a run."""
 
     miles: ExposureMiles = field(metadata=meant("Distances driven."))
     quantities: dict[ExposedTo, Exposed] = field(
@@ -204,7 +204,7 @@ class DamagedFile:
 
 @dataclass(frozen=True, kw_only=True)
 class Verified:
-    """Which files at a place are as they were written."""
+    """Files at a place, and whether they are as they were written."""
 
     whole: int = field(metadata=meant("Files that are as they were written."))
     without_checksum: tuple[str, ...] = field(

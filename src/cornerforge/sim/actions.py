@@ -1,4 +1,4 @@
-"""What a decision changes about a vehicle: the acceleration that it holds, the lateral path that it begins."""
+"""Effects of a decision on a vehicle: the acceleration that it holds, the lateral path that it begins."""
 
 from __future__ import annotations
 

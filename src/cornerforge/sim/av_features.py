@@ -1,4 +1,4 @@
-"""What the learned AV makes of its view: the view of `av_view.py`, sorted by lane and scaled to order 1.
+"""Features of the learned AV: the view of `av_view.py`, sorted by lane and scaled to order 1.
 
 "Its lane" is the AV's target lane: the one that it keeps or changes to. A vehicle is in all lanes that its body touches
 and in the lane of column 6 of the view, which it is seen to enter. Entries, float32 (N_AV_FEATURES,):

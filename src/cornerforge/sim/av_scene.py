@@ -1,4 +1,4 @@
-"""What an AV of interface 2 sees of a world: boxes with identities, in road coordinates and SI units.
+"""View of a world for an AV of interface 2: boxes with identities, in road coordinates and SI units.
 
 Row 0 is the AV, the other rows are the vehicles nearest to it along the road, nearest first, within sight (200 m centre
 to centre). Columns, float64:

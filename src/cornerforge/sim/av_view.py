@@ -1,4 +1,4 @@
-"""What the AV under test sees of a world: one array in SI units, for the learned AV and for AVs outside the kernels.
+"""View of a world for the AV under test: one array in SI units, for the learned AV and for AVs outside the kernels.
 
 Row 0 is the AV, the other rows are the vehicles nearest to it along the road, nearest first, within sight (200 m centre
 to centre); rows without a vehicle are 0. Columns:

@@ -1,4 +1,4 @@
-"""What background vehicles decide, once a second: look around, ask the naturalistic model (or the IDM), give way.
+"""Decisions of background vehicles, once a second: look around, ask the naturalistic model (or the IDM), give way.
 
 All BVs decide at the same time and independently (paper, "Problem formulation"): they see lanes and intentions as they
 were before this moment. There is one exception (docs/adr/0019-giving-way.md): a BV that starts into a lane may give way

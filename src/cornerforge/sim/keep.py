@@ -1,4 +1,4 @@
-"""What is kept of a drive: its outcome, frames, decisions and counts. Keeping them does not change the drive."""
+"""Records of a drive: its outcome, frames, decisions and counts. Keeping them does not change the drive."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ class Keep(NamedTuple):
 
 
 class Windows(NamedTuple):
-    """What is kept of tests whose windows of time are counted apart.
+    """Records of tests with windows of time that are counted apart.
 
     Attributes:
         until: Ends of the windows, rising [s], (W,); the first begins at 0, each other one where the last ended.

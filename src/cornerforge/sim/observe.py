@@ -1,4 +1,4 @@
-"""What the adversary sees, and which actions it may take: pure functions of a world."""
+"""Observation of the adversary, and the actions it may take: pure functions of a world."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which vehicles can touch each other within the coming second, and which the AV can see: only these move in substeps.
+"""Vehicles that can touch each other within the coming second, or that the AV can see: only these move in substeps.
 
 All bounds of motion hold for certain, so leaving out the other vehicles changes no bit of any result.
 """

@@ -1,4 +1,4 @@
-"""What can be seen of the lanes of a vehicle: where its body is, and where it moves; never what its driver decided."""
+"""Visible lanes of a vehicle: where its body is, and where it moves; never what its driver decided."""
 
 from __future__ import annotations
 

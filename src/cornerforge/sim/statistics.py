@@ -137,7 +137,7 @@ _NOT_COUNTED, _FREE, _FOLLOWING = range(3)
 
 
 class Census(NamedTuple):
-    """Which BVs are counted, and when: BVs with low <= x - drift * time <= high, at decision times first .. until - 1.
+    """Window of counting: BVs with low <= x - drift * time <= high, at decision times first .. until - 1.
 
     Attributes:
         on: Count at all; where False, counting costs nothing.

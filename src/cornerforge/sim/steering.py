@@ -29,7 +29,7 @@ _LOW_HALF, _HIGH_HALF, _HALF, _WHOLE = np.uint64(0xFFFF), np.uint64(0xFFFF0000),
 
 
 class Steering(NamedTuple):
-    """To which words each slot is held in the coming second.
+    """Acts to which each slot is held in the coming second.
 
     Attributes:
         on: 1 if any slot is held, int64 (1,).

@@ -1,4 +1,4 @@
-"""What a vehicle's class can do: the accelerations that are possible for it (docs/adr/0028-trucks.md)."""
+"""Abilities of a vehicle's class: the accelerations that are possible for it (docs/adr/0028-trucks.md)."""
 
 from __future__ import annotations
 

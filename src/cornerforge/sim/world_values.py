@@ -1,4 +1,4 @@
-"""What the values of a world may be; kernels trust them, and use some of them as indices."""
+"""Allowed values of a world; kernels trust them, and use some of them as indices."""
 
 from __future__ import annotations
 

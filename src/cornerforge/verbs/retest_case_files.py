@@ -88,7 +88,7 @@ def pairs_of_files(
 
 
 def _before(case: CaseFile, old: CaseDriver | None, options: WorldOptions, models: Sequence[Path]) -> Scenario | None:
-    """What the old AV did; None where it is not at hand."""
+    """Recording of the old AV; None where it is not at hand."""
     try:
         if old is not None:
             return old.record(case)

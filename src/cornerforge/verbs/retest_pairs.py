@@ -1,4 +1,4 @@
-"""Which cases of a retest its page plays, and what both versions do in them."""
+"""Cases of a retest that its page plays, and what both versions do in them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ RULE = (
 
 @dataclass(frozen=True)
 class Driven:
-    """What became of the tests of one drive, and both AVs in it.
+    """Outcomes of the tests of one drive, and both AVs in it.
 
     Attributes:
         kinds: What became of each test, by its case id, in the order of the tests.

@@ -95,7 +95,7 @@ _clock = time.perf_counter
 
 @dataclass(frozen=True)
 class Plan:
-    """What was chosen by the clock at the start.
+    """Choices made by the clock at the start.
 
     Attributes:
         stand_in: The AV that the adversary learns against; None: the AV itself.

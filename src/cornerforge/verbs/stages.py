@@ -103,7 +103,7 @@ class PlainRates:
 
 @dataclass(frozen=True)
 class NaturalCases:
-    """What is in the library of natural crashes; None: nothing."""
+    """Analysis of the library of natural crashes; None: there are none."""
 
     analysed: Analysed | None
 

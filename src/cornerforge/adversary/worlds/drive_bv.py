@@ -92,7 +92,7 @@ class Transitions(NamedTuple):
 
 
 class History(NamedTuple):
-    """What was decided in B worlds since their tests began, and memory to drive one of these tests again.
+    """Decisions in B worlds since their tests began, and memory to drive one of these tests again.
 
     Attributes:
         action: Action of the critical BV at each decision, (B, decisions).

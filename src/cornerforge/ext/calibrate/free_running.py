@@ -64,7 +64,7 @@ class Window(NamedTuple):
 
     @property
     def name(self) -> str:
-        """As shown to people."""
+        """Text for people."""
         return f"{self.first}-{self.until} s"
 
 
@@ -113,7 +113,7 @@ class FreeRunning:
 
 @dataclass(frozen=True)
 class FreeTraffic:
-    """What one drive of many worlds gave.
+    """Counts of one drive of many worlds.
 
     Attributes:
         parts: The counts of the windows, which follow on each other.

@@ -83,7 +83,7 @@ class FittedNumber:
 
 @dataclass(frozen=True)
 class LaneChangeFit:
-    """What the lane changes of a model come from.
+    """Sources of the lane changes of a model.
 
     Attributes:
         law: Of the model.

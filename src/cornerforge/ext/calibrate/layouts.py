@@ -33,7 +33,7 @@ _FEET = 0.3048
 
 @dataclass(frozen=True)
 class Scene:
-    """What else a layout says, for who wants all vehicles on the road and not only decisions (`read_rows`).
+    """Further columns of a layout, for readers that want all vehicles and not only decisions (`read_rows`).
 
     Attributes:
         left: 1 where the coordinate across the road grows to the left of a vehicle that drives towards growing

@@ -1,4 +1,4 @@
-"""What each part of a fitted model comes from: the user's files, or the prior, and why."""
+"""Source of each part of a fitted model: the user's files, or the prior, and why."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ RESIDUAL_ALLOWED = (0.2, 0.9)
 
 
 class Pairs(NamedTuple):
-    """What followers did, one block of worlds.
+    """Counts of followers' behaviour in one block of worlds.
 
     Attributes:
         time_gaps: By lag: ln time gap of the same follower and leader, first and so many seconds later, (2, m).

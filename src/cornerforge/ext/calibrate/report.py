@@ -30,7 +30,7 @@ PROBES = ((20.0, 30.0, 0.0), (20.0, 30.0, -2.0), (30.0, 30.0, 0.0), (30.0, 30.0,
 
 @dataclass(frozen=True)
 class FitReport:
-    """What went into a fit, and what came out.
+    """Inputs and results of a fit.
 
     Attributes:
         rows_read: Rows of all files.
@@ -128,7 +128,7 @@ def _sources(report: FitReport) -> str:
 
 
 def _lane_changes(changes: LaneChangeFit) -> str:
-    """What was fitted, with intervals and the prior, and what was left out; or why they were not fitted."""
+    """Table of fitted numbers, with intervals and the prior, and what was left out; or why they were not fitted."""
     text = "".join(f"<p>{escape(note)}</p>" for note in changes.notes())
     if not changes.fitted:
         return f"<p>Not fitted: {escape(changes.why)}.</p>{text}"
@@ -189,7 +189,7 @@ def _map(panel: Any, counts: NDArray[np.int64], grid: NDArray[np.float64], label
 
 
 def _sensitivity(report: FitReport) -> str:
-    """What other prior strengths and smoothing windows would have given, all scored on the same decisions."""
+    """Table of other prior strengths and smoothing windows, all scored on the same decisions."""
     if not report.sensitivity:
         return "<p>Not studied for this fit; <code>cornerforge ndd fit --study</code> fits it again with others.</p>"
     held_out = report.sensitivity[0]["held_out"]

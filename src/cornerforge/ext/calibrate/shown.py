@@ -73,7 +73,7 @@ def quantiles(values: Floats, weights: Floats) -> dict[int, float]:
 
 
 def key_numbers(model: NddModel) -> dict[str, Any]:
-    """What to know of a model, JSON-compatible.
+    """Summary of a model, JSON-compatible.
 
     Returns:
         `following` (mean and sd of acceleration [m/s2] by speed, gap and range rate), `support` (how many of the 31

@@ -110,7 +110,7 @@ class PartScore:
 
 @dataclass(frozen=True)
 class Validation:
-    """What validation found.
+    """Findings of a validation.
 
     Attributes:
         files: File -> part ("law", "table", "table_without_past", "law_on_grid") -> score; every file has at least one

@@ -243,7 +243,7 @@ def _traffic_notes(whole: FreeRunning, parts: list[FreeRunning]) -> list[str]:
 
 
 def validation_text(result: NddValidated) -> str:
-    """What `ndd_validate` found, as a table for people."""
+    """Make a table for people of the findings of `ndd_validate`."""
     lines = [*_likelihood_lines(result), *_fact_lines(result), *_distance_lines(result)]
     lines += [f"Note: {note}" for note in result.notes]
     if result.report is not None:
@@ -341,7 +341,7 @@ def _distance_lines(result: NddValidated) -> list[str]:
 
 
 def _distance_text(row: RecordedQuantity | AcceptedGaps | RecordedTtc | LaneChangeRate) -> str:
-    """What was compared; the row must be of a quantity that was."""
+    """Comparison of a row; the row must be of a quantity that was compared."""
     if isinstance(row, LaneChangeRate):
         return f"{row.recorded:.3g} ({row.simulated:.3g} simulated)"
     if isinstance(row, RecordedTtc):

@@ -57,7 +57,7 @@ class Variation:
 
     @property
     def text(self) -> str:
-        """For people, such as "overlook x 2"."""
+        """Text for people, such as "overlook x 2"."""
         return f"{self.field} {self.factor:g}" if self.part == "fit" else f"{self.field} x {self.factor:g}"
 
 

@@ -1,4 +1,4 @@
-"""What the explorer shows: the cases of its sources, one at a time or as columns. It knows nothing of HTTP."""
+"""Content of the explorer: the cases of its sources, one at a time or as columns. HTTP is not its business."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ __all__ = ["Driving", "Exhibit", "Ghost"]
 
 @dataclass(frozen=True)
 class Ghost:
-    """What a reference driver does in the AV's place.
+    """Motion of a reference driver in the AV's place.
 
     Attributes:
         motion: From when it takes over, until the recording ends or it is touched.
@@ -49,7 +49,7 @@ class Ghost:
 
 @dataclass(frozen=True)
 class Driving:
-    """What drives, given by the layer above; each function is called by one thread at a time.
+    """Functions that drive, given by the layer above; each is called by one thread at a time.
 
     Attributes:
         drivers: Names of the reference drivers.
@@ -236,7 +236,7 @@ class Exhibit:
         return media, f"{source}-{case_id.replace(':', '-')}.{ending}", content
 
     def _formats(self) -> dict[str, str]:
-        """What can be made of a case, each with what people read."""
+        """Files that can be made of a case, each with its label."""
         return {**formats(), **self.driving.exports}
 
     def rows_where(self, where: str) -> bytes:

@@ -54,7 +54,7 @@ class Door:
 
     @property
     def hosts(self) -> frozenset[str] | None:
-        """What the Host of a request may be; None: anything, since a cookie is needed."""
+        """Allowed values of a request's Host; None: any, since a cookie is needed."""
         if self.token is not None:
             return None
         own = (f"[{name}]" if ":" in name else name for name in (self.host.lower(), str(self._address)))

@@ -44,7 +44,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Analysis:
-    """What `analyse` wrote about a library.
+    """Files that `analyse` wrote about a library.
 
     Attributes:
         folder: Where it is.

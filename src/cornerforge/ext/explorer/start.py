@@ -1,4 +1,4 @@
-"""What to look at first: few cards, each a case with one plain sentence on why."""
+"""Cards to look at first: each is a case with one plain sentence on why."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is known of all cases at one moment. It never changes; an analysis that arrives makes another."""
+"""State of all cases at one moment. It never changes; an analysis that arrives makes another."""
 
 from __future__ import annotations
 

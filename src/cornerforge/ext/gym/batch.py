@@ -165,7 +165,7 @@ class Batch(ABC):
             self._pool.shutdown()
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a copy takes over.
+        """State that a copy takes over.
 
         Raises:
             InputError: Threads or processes work on the worlds, and they cannot be copied.
@@ -407,7 +407,7 @@ class AvBatch(Batch):
         self._drive(command, order, chosen)
 
     def drive(self, command: NDArray[np.float64], order: NDArray[np.int64], chosen: NDArray[np.bool_]) -> None:
-        """As `step`, by acceleration [m/s2] and lane order (`sim.actions.ordered_lane`), each of shape (B,)."""
+        """Step by acceleration [m/s2] and lane order (`sim.actions.ordered_lane`), each (B,); else as `step`."""
         self._drive(command, order, chosen)
         self._note_ends(chosen)
 

@@ -1,4 +1,4 @@
-"""What environments say to misuse: errors that are both of `cornerforge.errors` and Gymnasium's own.
+"""Errors for misuse of environments: both of `cornerforge.errors` and Gymnasium's own.
 
 Clients of Gymnasium catch the second kind, those of cornerforge the first.
 """

@@ -1,4 +1,4 @@
-"""What is known of a stored case besides its motion, for the metadata of files for other tools."""
+"""Facts of a stored case besides its motion, for the metadata of files for other tools."""
 
 from __future__ import annotations
 

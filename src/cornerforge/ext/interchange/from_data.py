@@ -149,7 +149,7 @@ def _read(traffic: Sequence[Traffic]) -> tuple[DataFileRead, ...]:
 
 
 def _strikers(driven: CasesDriven) -> dict[str, str]:
-    """Who struck in each case that ended in a crash, by the case's name."""
+    """Striking vehicle of each case that ended in a crash, by the case's name."""
     found: dict[str, str] = {}
     libraries: dict[Path, CaseLibrary] = {}
     for one in driven.cases:

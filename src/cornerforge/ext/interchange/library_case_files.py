@@ -102,7 +102,7 @@ def _whole(script: Script, driven: Scenario) -> Script:
 
 
 def _of_av(scenario: Scenario) -> NDArray[np.float64]:
-    """What the AV did, (T, POSE_NUMBERS); its lateral speed was not recorded."""
+    """Motion of the AV, (T, POSE_NUMBERS); its lateral speed was not recorded."""
     poses = np.zeros((len(scenario.x), POSE_NUMBERS))
     for column, name in ((X, "x"), (Y, "y"), (SPEED, "speed"), (HEADING, "heading"), (ACCELERATION, "acceleration"),
                          (LANE, "target_lane")):  # fmt: skip

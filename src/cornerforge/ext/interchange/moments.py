@@ -77,7 +77,7 @@ _AV_LENGTHS, _AV_WIDTHS = (2.0, 20.0), (1.0, 2.6)
 
 
 class Moments(NamedTuple):
-    """What was found.
+    """Moments that were found.
 
     Attributes:
         cases: The most critical moments, the worst first.
@@ -108,7 +108,7 @@ class _Event(NamedTuple):
 
 
 class _Window(NamedTuple):
-    """What becomes a case: vehicles, the ego first, and their poses (F, N, POSE_NUMBERS)."""
+    """Material of a case: vehicles, the ego first, and their poses (F, N, POSE_NUMBERS)."""
 
     traffic: Traffic
     ego_row: int
@@ -238,7 +238,7 @@ def _is_steady(traffic: Traffic) -> Bools:
 
 
 def _shared(traffic: Traffic, ego: Ints, other: Ints) -> Floats:
-    """By how much boxes overlap across the road [m], (n,); negative: they do not."""
+    """Overlap of boxes across the road [m], (n,); negative: they are apart."""
     widths = traffic.width[traffic.vehicle[ego]] + traffic.width[traffic.vehicle[other]]
     return np.asarray(0.5 * widths - np.abs(traffic.y[other] - traffic.y[ego]))
 

@@ -31,7 +31,7 @@ from cornerforge.world_options import AvAloneKeywords, WorldOptions
 __all__ = ["CRASH", "NO_CRASH", "UNKNOWN", "CaseOutcome", "CasesDriven", "library_of"]
 
 CRASH, NO_CRASH, UNKNOWN = "crash", "no crash", "unknown"
-"""What became of a case. UNKNOWN: the AV gave no usable answer, or what it did was not recorded."""
+"""Outcome of a case. UNKNOWN: the AV gave no usable answer, or what it did was not recorded."""
 _SHARD_CASES = 1000
 _EXTENT = ("name", "vehicle_length", "vehicle_width", "max_speed", "test_length", "time_limit", "traffic_length")
 """Fields of an ODD that may be larger than a case needs; roads that differ in nothing else become one."""
@@ -39,7 +39,7 @@ _EXTENT = ("name", "vehicle_length", "vehicle_width", "max_speed", "test_length"
 
 @dataclass(frozen=True)
 class CaseOutcome:
-    """What became of a moving case.
+    """Outcome of a moving case.
 
     Attributes:
         name: Of the case.
@@ -60,7 +60,7 @@ class CaseOutcome:
 
 @dataclass(frozen=True)
 class CasesDriven:
-    """What `library_of` made.
+    """Result of `library_of`.
 
     Attributes:
         av: The AV that drove.

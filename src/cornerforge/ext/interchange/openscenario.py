@@ -212,7 +212,7 @@ class _Writer:
 
     @property
     def reach(self) -> tuple[float, float]:
-        """From where to where there are vehicles [m], with some road before and behind."""
+        """Stretch of road with vehicles [m], with some road before and behind."""
         return (
             min(float(track.x.min()) for track in self.tracks) - _MARGIN,
             max(float(track.x.max()) for track in self.tracks) + _MARGIN,

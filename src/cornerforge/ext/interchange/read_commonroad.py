@@ -68,7 +68,7 @@ class _Lanelet:
 
     @property
     def middle(self) -> NDArray[np.float64]:
-        """Its line (P, 2) [m]."""
+        """Centre line (P, 2) [m]."""
         return 0.5 * (self.left + self.right)
 
 
@@ -112,7 +112,7 @@ class _Road:
 
 @dataclass
 class _Notes:
-    """What is not carried over, in the order of the lines."""
+    """Elements that are not carried over, in the order of the lines."""
 
     lines: list[tuple[int, str]] = field(default_factory=list)
 

@@ -45,7 +45,7 @@ class Lane:
     widths: tuple[tuple[float, float, float, float, float], ...]
 
     def width(self, ds: float) -> float:
-        """Its width at `ds` after the begin of its section [m]."""
+        """Width of the lane at `ds` after the begin of its section [m]."""
         place = max(0, bisect_right(self.widths, ds, key=lambda w: w[0]) - 1)
         offset, a, b, c, d = self.widths[place]
         u = max(0.0, ds - offset)
@@ -436,7 +436,7 @@ def _piece(element: Element) -> _Piece:
 
 
 def _bend(shape: Element, length: float) -> tuple[str, float, float]:
-    """What a geometry is, how far it leaves the straight line, and its smallest radius [m]."""
+    """Kind of a geometry, its distance from the straight line, and its smallest radius [m]."""
     if shape.tag == "line":
         return "line", 0.0, math.inf
     if shape.tag in ("arc", "spiral"):

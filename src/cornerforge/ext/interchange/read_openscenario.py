@@ -324,6 +324,6 @@ def _facts(path: Path, top: Element, version: str, road_file: Path, av: Body) ->
 
 
 def _properties(header: Element, av: Body) -> list[Element]:
-    """What the file says of itself and of the AV besides; our own writer puts there all that is known of a case."""
+    """Further facts that the file states of itself and of the AV; our own writer puts all there that is known."""
     holders = (header.child("Properties"), av.element.child("Vehicle", "Properties"))
     return [part for holder in holders if holder is not None for part in holder.all("Property")][:_MOST_FACTS]

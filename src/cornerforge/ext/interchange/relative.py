@@ -32,7 +32,7 @@ _NEARLY = 1e-3
 
 @dataclass(frozen=True)
 class Trigger:
-    """What must be so between the AV and the other for the manoeuvre to begin.
+    """Condition between the AV and the other vehicle for the manoeuvre to begin.
 
     Attributes:
         measure: "time gap" from the AV's front to the other's rear over the AV's speed [s], or "distance" along the
@@ -72,7 +72,7 @@ class SpeedChange:
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """What the AV's crash partner did last before the contact.
+    """Last manoeuvre of the AV's crash partner before the contact.
 
     Attributes:
         column: The partner.

@@ -70,7 +70,7 @@ class Course:
 
     @property
     def radius(self) -> float:
-        """Of the tightest place [m]; inf: the road is straight."""
+        """Radius of the tightest place [m]; inf: the road is straight."""
         u = np.linspace(0.0, self.length, 101)
         bend = float(np.abs(self._bend(u)).max())
         return math.inf if bend == 0.0 else 1.0 / bend

@@ -1,4 +1,4 @@
-"""What vehicles of OpenSCENARIO files are told to do, made into what moves them."""
+"""Actions of OpenSCENARIO files, made into motion of their vehicles."""
 
 from __future__ import annotations
 

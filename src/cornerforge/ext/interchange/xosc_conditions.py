@@ -36,7 +36,7 @@ RULES: dict[str, Callable[[float, float], bool]] = {
 
 
 class World(Protocol):
-    """What conditions look at.
+    """State that conditions look at.
 
     Attributes:
         time: Of the simulation [s].

@@ -94,7 +94,7 @@ class _Scope:
         return self.known[name]
 
     def put(self, text: str, element: Element) -> str:
-        """What a text with references stands for."""
+        """Value of a text with references."""
         text = text.strip()
         if "$" not in text:
             return text

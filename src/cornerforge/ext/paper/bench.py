@@ -166,13 +166,13 @@ class Bench:
 
     @property
     def rewards(self) -> tuple[str, ...]:
-        """What learned adversaries are paid for: all rewards that kernels judge, or those of the effort."""
+        """Rewards of learned adversaries: all that kernels judge, or those of the effort."""
         wanted = self.size.rewards
         judged = [name for name, reward in REWARDS.items() if not reward.by_case]
         return tuple(name for name in judged if wanted is None or name in wanted)
 
     def inputs(self) -> dict[str, Any]:
-        """What decides a measurement beside its own arguments: code, seed, world, and the AVs."""
+        """Identity of a measurement beside its own arguments: code, seed, world, and the AVs."""
         run = self.experiment("idm-mobil")
         return {
             "code": code_hash(),

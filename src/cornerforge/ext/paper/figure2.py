@@ -86,7 +86,7 @@ def compute(bench: Bench) -> Finding:
 
 
 def _guided(share: float) -> str:
-    """What else than its own experience the learner sees."""
+    """Experience of others that the learner sees."""
     if share == 0.0:
         return ""
     return (

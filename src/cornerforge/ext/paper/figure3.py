@@ -233,7 +233,7 @@ def _drawn(worlds: dict[str, _Exposure]) -> dict[str, Any]:
 
 
 def _compared(rows: list[Row]) -> list[str]:
-    """Which quantities are smaller with the adversary, as the paper says, and which are not; from the intervals."""
+    """Say which quantities are smaller with the adversary, as the paper says, and which are not; from the intervals."""
     found = {row.what: row for row in rows}
     groups: dict[str, list[str]] = {"smaller": [], "not smaller": [], "not told apart": []}
     for grid in statistics.EXPOSURE:

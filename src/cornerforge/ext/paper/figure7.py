@@ -96,7 +96,7 @@ def _panel(period: Period) -> dict[str, Any]:
 
 
 def thinned(rows: NDArray[np.intp], most: int) -> NDArray[np.intp]:
-    """At most so many of the rows, evenly taken."""
+    """Take at most so many of the rows, evenly."""
     return rows[np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).round().astype(np.intp))]
 
 

@@ -1,4 +1,4 @@
-"""What an item of the paper is: where the paper has it, what it says, how ours is computed."""
+"""Items of the paper: where the paper has it, what it says, how ours is computed."""
 
 from __future__ import annotations
 

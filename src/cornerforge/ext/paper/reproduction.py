@@ -58,7 +58,7 @@ class _Item(PaperItem):
 
 @dataclass(frozen=True, kw_only=True)
 class _Items:
-    """What the page shows of `items.json`."""
+    """Part of `items.json` that the page shows."""
 
     effort: str
     seed: int
@@ -67,7 +67,7 @@ class _Items:
 
 @dataclass(frozen=True, kw_only=True)
 class _Made:
-    """What the page shows of `provenance.json`."""
+    """Part of `provenance.json` that the page shows."""
 
     cornerforge: str
     command: str

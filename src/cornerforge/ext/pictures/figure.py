@@ -128,7 +128,7 @@ def _strip(
 
 
 def _known(scenario: Scenario, *, steers: bool) -> dict[float, str]:
-    """What happened at some seconds before the contact; nothing where the AV does not crash."""
+    """Describe some seconds before the contact; "" where the AV does not crash."""
     if partner_of(scenario) is None:
         return {}
     answer = avoidability(scenario, AvoidParams(steers=steers))

@@ -60,7 +60,7 @@ _ACROSS = {"cut-in": "gap_m", "cut-out": "gap_ahead_of_lead_m", "deceleration": 
 
 @dataclass(frozen=True)
 class _Driven:
-    """What became of a panel's scenarios.
+    """Outcomes of a panel's scenarios.
 
     Attributes:
         panel: The panel.

@@ -1,4 +1,4 @@
-"""Which cases make a small suite: it finds what the whole set finds, and ranks AVs as the whole set does (ADR 43).
+"""Choice of a small suite: it finds what the whole set finds, and ranks AVs as the whole set does (ADR 43).
 
 S cases were driven by A AVs. A *finding* is an AV that crashes in a case; more telling is one that crashes in a case in
 which another AV does not: the two differ in something that this case shows.
@@ -65,7 +65,7 @@ class LeftOut:
 
 
 def findings(crashes: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """What each case finds, (S, A + A * A): that an AV crashes; that AV i crashes and AV j does not, at A + i * A + j.
+    """Findings of each case, (S, A + A * A): that an AV crashes; that AV i crashes and AV j does not, at A + i * A + j.
 
     Args:
         crashes: Did the AV crash in the case, (S, A).
@@ -93,7 +93,7 @@ def rank_agreement(crashes: NDArray[np.bool_], cases: Sequence[int] | NDArray[np
 
 
 def clear_order(crashes: NDArray[np.bool_]) -> NDArray[np.int8]:
-    """Which of two AVs crashes more often in the same cases: 1 the first, -1 the second, 0 not clear; (A, A).
+    """Order of two AVs by crashes in the same cases: 1 the first crashes more, -1 the second, 0 not clear; (A, A).
 
     Clear: McNemar's test tells them apart at 5 %.
 
@@ -202,7 +202,7 @@ def leave_one_out(
 def _known_of(
     crashes: NDArray[np.bool_], clear: NDArray[np.int8], av: int, cases: NDArray[np.intp]
 ) -> NDArray[np.float64]:
-    """What cases know of an AV (see `LeftOut.known`), (5,); `clear` is its row of `clear_order`."""
+    """Knowledge of an AV in cases (see `LeftOut.known`), (5,); `clear` is its row of `clear_order`."""
     some = crashes[cases]
     apart = (some[:, [av]] & ~some).any(axis=0).sum()
     places = [_place(part.mean(axis=0), av) for part in (some, crashes)]

@@ -1,4 +1,4 @@
-"""What BVs near the AV may do in the coming second that would endanger it, how likely, and how dangerous that is.
+"""Acts of BVs near the AV that would endanger it in the coming second, how likely, and how dangerous each is.
 
 An *act* is a thing that happens or not: a BV begins to change lanes, turns back or goes on in a lane change, or its
 driver looks away. Its chance is that with which `decide_bvs` draws it, an exact count of random words (`sim.steering`).
@@ -94,7 +94,7 @@ happens; danger: of all BVs together then."""
 
 
 class Choice(NamedTuple):
-    """What a near BV may do: its place in `Survey.near`, and fields of ACT; words: its count."""
+    """Acts of a near BV: its place in `Survey.near`, and fields of ACT; words: its count."""
 
     near: int
     kind: int
@@ -106,7 +106,7 @@ class Choice(NamedTuple):
 
 
 class Survey(NamedTuple):
-    """What is found around the AV at the begin of a second.
+    """Surroundings of the AV at the begin of a second.
 
     Attributes:
         near: BVs near the AV, of NEAR; seen: what is seen of each, float32 (MOST_NEAR, N_SEEN).

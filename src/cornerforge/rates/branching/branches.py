@@ -1,4 +1,4 @@
-"""What near BVs may do in a second, as branches of which exactly one happens, with its chance and its danger.
+"""Acts of near BVs in a second, as branches of which exactly one happens, with its chance and its danger.
 
 The listed acts (`acts`) are independent of each other but for those of one group. In order of the list, branch k is
 that act k is the first to happen. Later acts are left to nature, but for acts that are paired with it: of these the

@@ -74,7 +74,7 @@ def untaught(danger: float) -> Network:
 
 
 class Intent(NamedTuple):
-    """What a BV does in the coming second, as far as it is known.
+    """Known part of a BV's motion in the coming second.
 
     Attributes:
         lane: Its target lane.
@@ -90,7 +90,7 @@ class Intent(NamedTuple):
 
 
 class Ahead(NamedTuple):
-    """What is ahead of the AV in its lanes, or comes there: braking needed to avoid it [m/s2]; least time gap [s]."""
+    """Danger ahead of the AV in its lanes, or coming there: braking needed to avoid it [m/s2]; least time gap [s]."""
 
     braking: float
     time_gap: float

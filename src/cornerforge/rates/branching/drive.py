@@ -87,11 +87,11 @@ class DrivenTrees:
 
 
 class Noted(Protocol):
-    """What is noted of an AV from outside: `foreign.Watched`."""
+    """Record of an AV from outside: `foreign.Watched`."""
 
     @property
     def answers(self) -> NDArray[np.float64]:
-        """What it answered on the way to each crash."""
+        """Answers on the way to each crash."""
 
     @property
     def asked(self) -> int:

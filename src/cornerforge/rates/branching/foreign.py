@@ -31,7 +31,7 @@ _PLACES = 64
 
 @dataclass(frozen=True)
 class Watched:
-    """What was noted of an AV while trees were driven.
+    """Record of an AV while trees were driven.
 
     Attributes:
         answers: What it answered on the way to each crash, in the order of the crashes, (K, A, W); NaN after the last.
@@ -46,7 +46,7 @@ class Watched:
 
 
 class _Past:
-    """What the AV saw and answered, moment by moment; each moment knows the one before it."""
+    """Record of what the AV saw and answered, moment by moment; each moment knows the one before it."""
 
     def __init__(self, views: NDArray[Any], width: int, room: int = 4096) -> None:
         self.view = np.zeros((room, *views.shape[1:]), dtype=views.dtype)

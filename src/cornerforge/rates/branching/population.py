@@ -1,4 +1,4 @@
-"""What trees of tests are kept in: their plan, the pool of their particles, and the terminal states that are found.
+"""Memory of trees of tests: their plan, the pool of their particles, and the terminal states that are found.
 
 A *particle* is a world with a weight, a row of the pool. `splitting` and `tilt` drive particles; nothing here does.
 """
