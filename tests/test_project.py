@@ -249,9 +249,9 @@ def test_the_installed_program_is_there() -> None:
     assert callable(entry.load())
 
 
-WEAK = frozenset(
-    ["who", "whom", "whose", "which", "what", "it", "its", "they", "them", "their", "this", "that", "these", "those", "such", "as", "of", "in", "on", "at", "by", "for", "from", "with", "without", "to", "into", "under", "over", "between", "within", "about", "after", "before", "until"]
-)
+WEAK = {"who", "whom", "whose", "which", "what", "it", "its", "they", "them", "their", "this", "that", "these", "those"}
+WEAK |= {"such", "as", "of", "in", "on", "at", "by", "for", "from", "with", "without", "to", "into", "under", "over"}
+WEAK |= {"between", "within", "about", "after", "before", "until"}
 
 
 def test_no_docstring_begins_with_a_pronoun_or_a_preposition() -> None:
