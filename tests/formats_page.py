@@ -6,13 +6,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import fields
 
+from library_relations import RELATIONS
+
 from cornerforge.adversary.checkpoint import CHECKPOINT_FIELDS, CHECKPOINT_SCHEMA
 from cornerforge.experiment.av_file import AV_FIELDS, AV_FILE_SCHEMA
 from cornerforge.experiment.policy_file import POLICY_FIELDS, POLICY_SCHEMA
 from cornerforge.ext.studies.model_draws import DRAW_FIELDS
 from cornerforge.fields import Field
 from cornerforge.library.schema import FILE_FIELDS, IDENTITY_FIELDS, MANIFEST_FIELDS, SCHEMA_VERSION, SHARD_FIELDS
-from cornerforge.library.values import CASE_RELATIONS, TRACK_RELATIONS
 from cornerforge.ndd.memory import Memory
 from cornerforge.ndd.model import SCHEMA_VERSION as MODEL_SCHEMA
 from cornerforge.ndd.model import TABLES, InitialState, NddModel
@@ -38,7 +39,7 @@ def _numbers(kind: type) -> list[str]:
 
 def formats_markdown() -> str:
     """Write the page."""
-    relations = [f"- `{one.column}`: {one.must}." for one in (*CASE_RELATIONS, *TRACK_RELATIONS)]
+    relations = [f"- `{one.column}`: {one.must}." for one in RELATIONS]
     return "\n".join([_BEGIN, *_LIBRARY, *relations, "", *_MODEL, *_WEIGHTS, *_RUN, *_VERSIONS, ""])
 
 
@@ -56,7 +57,8 @@ value outside a range here is refused: one line says the file, the field, what i
   metadata, so that a changed cell is named; a library's manifest holds the SHA-256 of each shard besides.
 - Reading compares them. `cornerforge verify PATH` reads everything at a place.
 - A checksum tells of damage and of edits by hand. It is no signature: see [SECURITY.md](../SECURITY.md).
-- Files of earlier versions carry none; they are read with a note, and their values are checked like all others.
+- Files of version 0.1 carry none; they are refused with the line that brings them to the present form
+  (`cornerforge migrate OLD --out NEW`).
 - Numbers are little-endian, texts UTF-8; `hex` is 1 to 64 hexadecimal digits. No file holds pickles or code.
 - Pages, pictures, films, logs and what `export` writes are not read again and have no checksums here. Case files have
   [a schema of their own](interchange.md), since people write them.
@@ -74,7 +76,9 @@ model (`model.npz`) and the policies that drove.
 """,
     *_table(MANIFEST_FIELDS), "Of `run`, where cases are driven by cornerforge (other keys may be there):", "", *_table(IDENTITY_FIELDS),
     "Of each shard:", "", *_table(SHARD_FIELDS), "Of each file:", "", *_table(FILE_FIELDS),
-    "### What must hold between values",
+    "### What holds between values",
+    "",
+    "cornerforge writes every row so, and its tests look; a reader does not look again.",
     "",
 ]  # fmt: skip
 
@@ -131,17 +135,28 @@ _VERSIONS = [
 
 | file | version | what a reader does |
 | --- | --- | --- |
-| library | 1 | Reads it. Cases are tests of a seed. Early ones lack `shortfall_nats` and what belongs to it (null), class and size of vehicles (cars of the ODD), own times of lane changes (the ODD's), and checksums in the manifest and by row (a note). |
-| | 2 | Reads it: cases may be scripted, their start and actions are in their tracks. Starts of earlier versions are filled up with what is known of the vehicles. |
+| library | 1 | Reads it. Cases are tests of a seed. |
+| | 2 | Reads it: cases may be scripted, their start and actions are in their tracks. |
 | | 3 | Reads it: other vehicles may be on rails. A library has the lowest version that can read it. |
-| model | 1 | Reads it: drivers without memory or own traits; who would certainly refuse a gap turns back. |
-| | 2 | Reads it; numbers that it does not say mean what they meant then. |
+| model | 2 | Reads it; numbers that it does not say mean what they meant then. |
 | policy, learned AV | 1 | Reads them; one for another observation is refused: train it again. |
 | unfinished training | 5 | Earlier ones are refused: go on with the version that began it, or begin again. |
 | any | later | Refused: upgrade cornerforge. |
 
-Nothing is rewritten in place. `cornerforge migrate LIB --out NEW` writes a library of an earlier version anew, with the
-present columns and checksums. The numbers of an early library are those of its version's simulator: `replay --check` says whether
-the present one drives them to the same bit.
+What version 0.1 wrote is refused in one line that names `cornerforge migrate OLD --out NEW`. Nothing is rewritten in
+place: `migrate` writes a library, the folder of a run, or one file anew, with the present columns and checksums, and
+leaves the old one as it is. What the earlier version did not record is filled in:
+
+| lacking | becomes |
+| --- | --- |
+| class and size of vehicles | cars of the ODD |
+| times of lane changes | the ODD's |
+| `shortfall_nats` and what belongs to it | null |
+| traits of drivers in starts | medians; each desires the speed that it has |
+| memory and traits of drivers in models of schema 1 | none; who would certainly refuse a gap turns back |
+| checksums | those of the content as it is |
+
+Tables of an analysis that lack columns are made again by `analyse`. The numbers of an early library are those of its
+version's simulator: `replay --check` says whether the present one drives them to the same bit.
 """,
 ]

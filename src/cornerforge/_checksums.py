@@ -11,7 +11,6 @@ import hashlib
 import io
 import json
 import tokenize
-import warnings
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -29,11 +28,11 @@ from cornerforge.errors import FileFormatError
 
 __all__ = [
     "KEY",
+    "MIGRATE",
     "UNREADABLE",
-    "NoChecksumWarning",
+    "NoChecksumError",
     "check_json",
     "json_checksum",
-    "note_absent",
     "read_arrays",
     "read_json",
     "read_tensors",
@@ -60,14 +59,15 @@ _LARGEST_WEIGHT = 1e6
 _Arrays = Mapping[str, NDArray[Any]]
 
 
-class NoChecksumWarning(UserWarning):
-    """A file carries no checksum, since an earlier version wrote it: a changed value in it cannot be noticed."""
+MIGRATE = "bring it, or the folder that it lies in, to the present form with: cornerforge migrate OLD --out NEW"
+"""Advice for files that an earlier version wrote."""
 
 
-def note_absent(path: Path) -> None:
-    """Warn that a file carries no checksum."""
-    message = f"{path} carries no checksum (an earlier version wrote it): what is in it is taken as it is."
-    warnings.warn(message, NoChecksumWarning, stacklevel=3)
+class NoChecksumError(FileFormatError):
+    """A file carries no checksum: version 0.1 wrote it, or another program."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(f"{path} carries no checksum, so version 0.1 wrote it, or another program: {MIGRATE}.")
 
 
 def json_checksum(content: Mapping[str, Any]) -> str:
@@ -86,7 +86,7 @@ def with_checksum(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def check_json(path: Path, content: Mapping[str, Any]) -> dict[str, Any]:
-    """Compare the checksum of an object that was read; warns with `NoChecksumWarning` where it carries none.
+    """Compare the checksum of an object that was read.
 
     Args:
         path: Its file, for messages.
@@ -97,11 +97,12 @@ def check_json(path: Path, content: Mapping[str, Any]) -> dict[str, Any]:
 
     Raises:
         FileFormatError: It does not fit.
+        NoChecksumError: There is none.
     """
     rest = {key: value for key, value in content.items() if key != KEY}
     if KEY not in content:
-        note_absent(path)
-    elif content[KEY] != json_checksum(rest):
+        raise NoChecksumError(path)
+    if content[KEY] != json_checksum(rest):
         raise FileFormatError(
             f"{path} has been changed since it was written (its checksum does not fit); restore it from a copy, or "
             "remove it and make it again."
@@ -170,21 +171,23 @@ def write_tensors(path: Path, key: str, header: Mapping[str, Any], tensors: _Arr
 
 
 def read_tensors(
-    path: Path, key: str, what: str, advice: str = "restore it from a copy, or make it again"
+    path: Path, key: str, what: str, advice: str = "restore it from a copy, or make it again", *, old: bool = False
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Read a file that `write_tensors` wrote; warns where an earlier version wrote no checksum.
+    """Read a file that `write_tensors` wrote.
 
     Args:
         path: The file.
         key: As for `write_tensors`.
         what: What it is, for messages, for example "policy".
         advice: What to do if it is damaged, for messages.
+        old: It may carry no checksum, as version 0.1 wrote it.
 
     Returns:
         The header, and the arrays by name.
 
     Raises:
         FileFormatError: It is missing, damaged, of another kind, or has been changed.
+        NoChecksumError: It carries no checksum.
     """
     try:
         check_regular(path)
@@ -201,9 +204,9 @@ def read_tensors(
     except (SafetensorError, KeyError, TypeError, ValueError, AttributeError, MemoryError, RecursionError) as error:
         raise FileFormatError(f"{path} is damaged or no {what} ({type(error).__name__}: {error}); {advice}.") from error
     stated = header.pop(KEY, None)
-    if stated is None:
-        note_absent(path)
-    elif stated != _header_checksum(header, tensors):
+    if stated is None and not old:
+        raise NoChecksumError(path)
+    if stated is not None and stated != _header_checksum(header, tensors):
         raise FileFormatError(
             f"The {what} {path} has been changed since it was written (its checksum does not fit); {advice}."
         )
@@ -255,18 +258,20 @@ def write_arrays(path: Path, arrays: _Arrays, what: str = "") -> None:
         np.savez_compressed(file, allow_pickle=False, **{_MEMBER: np.array(checksums), **arrays})
 
 
-def read_arrays(path: Path, what: str) -> dict[str, NDArray[Any]]:
-    """Read a file that `write_arrays` wrote; never loads a pickle. Warns where an earlier version wrote no checksums.
+def read_arrays(path: Path, what: str, *, old: bool = False) -> dict[str, NDArray[Any]]:
+    """Read a file that `write_arrays` wrote; never loads a pickle.
 
     Args:
         path: The file.
         what: What it is, for messages, for example "model".
+        old: It may carry no checksums, as version 0.1 wrote it.
 
     Returns:
         All arrays, by name.
 
     Raises:
         FileFormatError: It is missing, damaged, or no such file; the array that does not fit is named.
+        NoChecksumError: It carries no checksums.
     """
     try:
         content = read_bytes(path)
@@ -286,9 +291,10 @@ def read_arrays(path: Path, what: str) -> dict[str, NDArray[Any]]:
             f"The {what} {path} is damaged or none of cornerforge ({type(error).__name__}: {error}); restore it from a "
             "copy, or make it again."
         ) from error
-    if stated is None:
-        note_absent(path)
+    if stated is None and old:
         return arrays
+    if stated is None:
+        raise NoChecksumError(path)
     for name in [*stated, *(name for name in arrays if name not in stated)]:
         if name in arrays and name in stated and _of_array(arrays[name]) == stated[name]:
             continue

@@ -20,7 +20,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from cornerforge._checksums import note_absent
+from cornerforge._checksums import NoChecksumError
 from cornerforge._files import check_regular, writing
 from cornerforge.errors import FileFormatError
 
@@ -212,7 +212,7 @@ def write_parquet(path: Path, table: pa.Table) -> None:
 
 
 def read_parquet(path: Path, command: str, columns: Sequence[str] | None = None, *, fewer: bool = False) -> pa.Table:
-    """Read a table that `write_parquet` wrote; warns with `NoChecksumWarning` where it carries no checksums.
+    """Read a table that `write_parquet` wrote.
 
     Args:
         path: The file.
@@ -222,6 +222,7 @@ def read_parquet(path: Path, command: str, columns: Sequence[str] | None = None,
 
     Raises:
         FileFormatError: It is missing, damaged or changed, or lacks a column.
+        NoChecksumError: It carries no checksums.
     """
     advice = f"write it again with: {command}"
     if not path.exists():
@@ -239,7 +240,7 @@ def read_parquet(path: Path, command: str, columns: Sequence[str] | None = None,
     except (pa.ArrowException, OSError, ValueError, KeyError, MemoryError) as error:
         raise FileFormatError(f"{path} is damaged ({error}); {advice}") from None
     if checks is None:
-        note_absent(path)
+        raise NoChecksumError(path)
     if fault is not None:
         raise FileFormatError(f"{path} {fault} since it was written; {advice}")
     return table

@@ -138,19 +138,19 @@ BODY: tuple[Series, ...] = (
         "kind", "i1",
         Field(
             "kind", "int8", "",
-            "Class of each stored vehicle: 0 car, 1 truck, 2 motorcycle; early libraries: cars.", (0, 2),
+            "Class of each stored vehicle: 0 car, 1 truck, 2 motorcycle.", (0, 2),
         ),
     ),
     Series(
         "length", "<f8",
-        Field("length_m", "float64", "m", "Length of each stored vehicle; early libraries: as the ODD says.", SIZES),
+        Field("length_m", "float64", "m", "Length of each stored vehicle.", SIZES),
     ),
-    Series("width", "<f8", Field("width_m", "float64", "m", "Width of each stored vehicle; likewise.", SIZES)),
+    Series("width", "<f8", Field("width_m", "float64", "m", "Width of each stored vehicle.", SIZES)),
     Series(
         "change_time", "<f8",
         Field(
             "change_time_s", "float64", "s",
-            "How long an undisturbed lane change of each stored vehicle takes; early libraries: as the ODD says.",
+            "How long an undisturbed lane change of each stored vehicle takes.",
             (0.0, 1e4),
         ),
     ),
@@ -205,21 +205,14 @@ SHORTFALL: tuple[Field, ...] = (
         nullable=True,
     ),
 )  # fmt: skip
-"""Log-probability of the critical BV's actions against the likeliest ones (ADR 12); early libraries may lack it."""
+"""Log-probability of the critical BV's actions against the likeliest ones (ADR 12)."""
 
 PARTNER: tuple[Field, ...] = (
     Field("bv_kind", "int8", "", "Class of the crash partner: 0 car, 1 truck, 2 motorcycle.", (0, 2)),
-    Field(
-        "bv_length_m",
-        "float64",
-        "m",
-        "Length of the crash partner; null: an early library, of cars.",
-        SIZES,
-        nullable=True,
-    ),
-    Field("bv_width_m", "float64", "m", "Width of the crash partner; likewise: null.", SIZES, nullable=True),
+    Field("bv_length_m", "float64", "m", "Length of the crash partner.", SIZES),
+    Field("bv_width_m", "float64", "m", "Width of the crash partner.", SIZES),
 )
-"""Class and size of the crash partner; early libraries lack it."""
+"""Class and size of the crash partner."""
 
 CASES: tuple[Field, ...] = (
     Field("case_id", "string", "", "Name of the case, seed:test."),

@@ -183,8 +183,7 @@ def recordings_of_tracks(cases: pa.Table, tracks: pa.Table, odd: Odd) -> Recordi
 
     Args:
         cases: One row a case; `case_id`, `crash_time_s` and `bv_slot` of `fields.CASES` are read.
-        tracks: `fields.TRACKS` of the same cases in the same order. Where columns of `fields.BODY` are missing, as in
-            early libraries, all vehicles are cars that change lanes in the ODD's time.
+        tracks: `fields.TRACKS` of the same cases in the same order.
         odd: Road and rules of the library.
 
     Raises:
@@ -206,8 +205,7 @@ def recordings_of_tracks(cases: pa.Table, tracks: pa.Table, odd: Odd) -> Recordi
     slot = flat("slot")
     bodies = bodies_in(odd, slot.size)
     for body in BODY:
-        if body.column.name in tracks.column_names:
-            bodies[body.name] = flat(body.column.name)
+        bodies[body.name] = flat(body.column.name)
     return recordings_of_columns(
         names=_numbers_of(ids),
         frames=tracks.column("n_frames").to_numpy().astype(np.int64),

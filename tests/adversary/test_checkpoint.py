@@ -20,6 +20,7 @@ from folder_snapshot import snapshot
 from safetensors import safe_open
 from safetensors.numpy import save_file
 
+from cornerforge._checksums import write_tensors
 from cornerforge.adversary.checkpoint import CheckpointFile, TrainingState
 from cornerforge.adversary.config import PRESETS, TrainConfig
 from cornerforge.adversary.learner import DqnLearner
@@ -166,6 +167,7 @@ CHILD = """
 import sys, time
 from pathlib import Path
 from test_checkpoint import IDENTITY, TINY, go
+from cornerforge._checksums import write_tensors
 from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.experiment.setting import experiment
 
@@ -281,13 +283,12 @@ def test_one_flipped_bit_is_found(stopped: Path) -> None:
         CheckpointFile(stopped, IDENTITY).read()
 
 
-@pytest.mark.filterwarnings("ignore::cornerforge._checksums.NoChecksumWarning")
 def test_another_safetensors_file_and_another_schema_are_refused(stopped: Path) -> None:
     with safe_open(stopped, framework="numpy") as file:
         header = json.loads(file.metadata()["cornerforge_checkpoint"])
     header["schema_version"] = 99
     del header["sha256"]
-    save_file({"a": np.zeros(2)}, stopped, metadata={"cornerforge_checkpoint": json.dumps(header)})
+    write_tensors(stopped, "cornerforge_checkpoint", header, {"a": np.zeros(2)}, "it")
     with pytest.raises(FileFormatError, match="schema version 99"):
         CheckpointFile(stopped, IDENTITY).read()
     save_file({"a": np.zeros(2)}, stopped)

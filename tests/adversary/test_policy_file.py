@@ -12,7 +12,7 @@ import pytest
 from safetensors import safe_open
 from safetensors.numpy import save
 
-from cornerforge._checksums import NoChecksumWarning
+from cornerforge._checksums import NoChecksumError, write_tensors
 from cornerforge.drivers.policy import NetworkShape, n_weights
 from cornerforge.errors import FileFormatError, OutputError
 from cornerforge.experiment.policy_file import Policy, load_policy, policy_hash, policy_numbers, save_policy
@@ -67,11 +67,13 @@ def test_the_hash_is_of_what_decides_how_it_acts(policy: Policy) -> None:
 
 def changed_header(path: Path, **changes: object) -> bytes:
     weights, header = parts(path)
-    return bytes(save({"weights": weights}, metadata={"cornerforge": json.dumps(header | changes)}))
+    write_tensors(path, "cornerforge", header | changes, {"weights": weights}, "it")
+    return path.read_bytes()
 
 
 def changed_weights(path: Path, weights: np.ndarray) -> bytes:
-    return bytes(save({"weights": weights}, metadata={"cornerforge": json.dumps(parts(path)[1])}))
+    write_tensors(path, "cornerforge", parts(path)[1], {"weights": weights}, "it")
+    return path.read_bytes()
 
 
 def with_nan(path: Path) -> bytes:
@@ -89,16 +91,17 @@ def test_any_changed_bit_is_noticed(policy: Policy, tmp_path: Path) -> None:
         damaged = bytearray(whole)
         damaged[bit // 8] ^= 1 << bit % 8
         path.write_bytes(damaged)
-        with pytest.raises((FileFormatError, NoChecksumWarning)):
+        with pytest.raises(FileFormatError):
             load_policy(path)
 
 
-def test_a_policy_without_checksum_is_read_with_a_note(policy: Policy, tmp_path: Path) -> None:
+def test_a_policy_without_checksum_is_refused(policy: Policy, tmp_path: Path) -> None:
     path = tmp_path / "p.safetensors"
     save_policy(policy, path)
-    path.write_bytes(changed_header(path))
-    with pytest.warns(NoChecksumWarning, match="carries no checksum"):
-        assert policy_hash(load_policy(path)) == policy_hash(policy)
+    weights, header = parts(path)
+    path.write_bytes(save({"weights": weights}, metadata={"cornerforge": json.dumps(header)}))
+    with pytest.raises(NoChecksumError, match=r"carries no checksum.*cornerforge migrate"):
+        load_policy(path)
 
 
 NETWORK = {"n_inputs": N_OBSERVATION, "n_shared": 2, "n_stream": 1, "width": 8}
@@ -110,7 +113,7 @@ DAMAGES = {
     "foreign safetensors": (lambda _: save({"weights": np.zeros(4, np.float32)}), "no policy of cornerforge"),
     "no weights": (
         lambda _: save({"w": np.zeros(4, np.float32)}, metadata={"cornerforge": "{}"}),
-        "schema version None",
+        "no checksum",
     ),
     "header no JSON": (lambda p: save({"weights": parts(p)[0]}, metadata={"cornerforge": "{"}), "damaged"),
     "header a list": (lambda p: save({"weights": parts(p)[0]}, metadata={"cornerforge": "[]"}), "no JSON object"),
@@ -129,7 +132,6 @@ DAMAGES = {
 }
 
 
-@pytest.mark.filterwarnings("ignore::cornerforge._checksums.NoChecksumWarning")
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_what_is_no_whole_policy_is_refused(damage: str, policy: Policy, tmp_path: Path) -> None:
     path = tmp_path / "p.safetensors"

@@ -497,17 +497,17 @@ def drawn(rng: np.random.Generator, path: Path, name: str) -> Recipe:
         case "zip":
             recipe = _draw_zip(rng, path)
         case "json":
-            recipe = _draw_json(rng, parts) | _sealed(rng, parts)
+            recipe = _draw_json(rng, parts) | _checked(parts)
         case "array":
-            recipe = _draw_array(rng, parts) | _sealed(rng, parts)
+            recipe = _draw_array(rng, parts) | _checked(parts)
         case _:
-            recipe = _draw_table(rng, parts) | _sealed(rng, parts)
+            recipe = _draw_table(rng, parts) | _checked(parts)
     return {"file": name} | recipe
 
 
-def _sealed(rng: np.random.Generator, parts: Parts) -> Recipe:
-    """Most files get the checksums of what is in them now: else nothing but checksums would be tried."""
-    return {"sealed": bool(rng.random() < 0.8) or not parts.has_checksums}
+def _checked(parts: Parts) -> Recipe:
+    """Say that the file carries checksums, which do not fit the damage: any change can be noticed."""
+    return {"checked": True} if parts.has_checksums else {}
 
 
 def done(folder: Path, recipe: Recipe) -> None:
@@ -530,20 +530,19 @@ def done(folder: Path, recipe: Recipe) -> None:
     else:
         parts = parts_of(path).copied()
         {"json": _json, "array": _array, "table": _table}[op](parts, recipe)
-        write_parts(path, parts, sealed=recipe["sealed"])
+        write_parts(path, parts)
 
 
 def could_notice(recipe: Recipe) -> bool:
     """Tell whether a reader that looks at all it reads must notice: the damaged file cannot be meant as it is.
 
-    Not so, in a file whose checksums fit: a number that became another one that may be as right, values in another
-    order. Nor, in a file without checksums: a row left out, a byte of free text. Nor the order of a table's columns,
-    which is no content.
+    Not so, in a file without checksums: a number that became another one that may be as right, values in another order,
+    a row left out, a byte of free text. Nor the order of a table's columns, which is no content.
     """
     op, value = recipe["op"], recipe.get("value")
     if op == "table.order":
         return False
-    if not recipe.get("sealed", True):
+    if recipe.get("checked"):
         return True
     if op in ("json.set", "array.cell", "array.fill", "table.cell"):
         return value not in _SAME_KIND

@@ -21,7 +21,6 @@ from foreign.hostile_avs import left_behind
 from fuzz.calls import call
 from fuzz.damage import done
 from fuzz.kinds import CONTROL, KINDS, Door, Kind
-from fuzz.seal import seal
 from fuzz.seeds import SEEDS, seed_folder
 
 from cornerforge.cli import main
@@ -183,7 +182,6 @@ class Judge:
             whole, mask = self._answer(kind, self._door(kind, one))
             for recipe in one["damage"]:
                 done(folder, recipe)
-            seal(folder, [recipe["file"] for recipe in one["damage"] if recipe.get("sealed")])
             before = _files(folder, self._of_seed(kind))
             memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
             run = self._through(self._door(kind, one), folder, before)

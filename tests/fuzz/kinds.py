@@ -39,7 +39,7 @@ class Door:
         argv: The command line, or a function without arguments that reads from the working directory.
         share: How often it is taken, beside the kind's other doors.
         free: Patterns of file, damage and column or array ("lib place.*") that it need not tell: it makes anew what it
-            misses, leaves values to a later reader, or reads files of versions that had no such column.
+            misses, or leaves values to a later reader.
         unread: Patterns of files that it does not read.
     """
 
@@ -92,7 +92,7 @@ class Kind:
         place = at or f"@{recipe['op']}"
         if "*" in door.free or any(fnmatch(recipe["file"], one) for one in door.unread):
             return False
-        if not recipe.get("sealed", True):
+        if recipe.get("checked"):
             return could_notice(recipe)
         free = any(fnmatch(name, one) for name in (where, place) for one in (*door.free, *self.free))
         return could_notice(recipe) and not free
@@ -279,8 +279,6 @@ CONTROL = Kind(
 # --- The kinds ---
 
 _ONE = "--threads 1 --json"
-_SURPLUS = "*/manifest.json json.add *surplus"
-"""A manifest that is written again, without what it does not know."""
 _LICENCE = ("*/model.npz place.missing",)
 """The model tells the licence, if it is there."""
 _LIBRARY_DOORS = (
@@ -296,109 +294,67 @@ _LIBRARY_DOORS = (
     Door("retest", f"retest lib --av idm-mobil {_ONE}", 2),
     Door("variety", f"variety lib {_ONE}", 2),
     Door("shrink", "shrink lib 0:8 --out shr --json", 0.3),
-    Door("resume", f"generate --policy lane-changer --cases 6 --out lib --resume {_ONE}", 1, ("lib place.*", _SURPLUS)),
+    Door("resume", f"generate --policy lane-changer --cases 6 --out lib --resume {_ONE}", 1, ("lib place.*",)),
     Door("suite", f"suite build lib --out suite --zoo idm-mobil --zoo rl {_ONE}", 0.5),
     Door("serve", _exhibit("lib"), 0.5),
 )
-_ABOUT = (
-    "run.surplus",
-    "identity.surplus",
-    "run.cornerforge",
-    "*manifest.json json.drop shards.*",  # a library may have fewer
-    "*manifest.json json.set shards",  # or none
-    "* table.drop bv_*",  # early libraries lack what they are
-    "* table.null bv_*",
-    "* table.drop change_time_s",  # likewise
-    "* table.* n_implausible",
-    "*manifest.json json.drop run.*",  # early libraries name less
-    "* table.drop *shortfall_nats",  # and lack these columns
-    "* table.null *shortfall_nats",
-    "* table.cell *shortfall_nats",  # which may be infinite
-    "* table.null min_ttc_s",  # as where it never closes in
-    "* table.cell name",
-    *(f"* table.cell {name}" for name in ("at_start", "rare_action", "overlooked", "looked_away")),  # true or false
-    "* table.cell trajectory_digest",  # any digits: only a replay tells
-    "run.av",  # as someone named it; a name of a file may hold any character
-    "run.bv",
-    "run.acting",
-    "* table.cell min_ttc_s",  # which may be as large as it likes
-    "* table.cell origin",
-    "provenance*",
-    "about*",
-    "created_by",
-    "command",
-    "written",
-    "seconds",
-    "machine*",
-    "cornerforge",
-    "options*",
-)
-
 KINDS = (
     Kind("model", "model files", "model", ("m.npz",), (
         Door("read", _model, 20), Door("simulate", f"simulate --tests 2 --model m.npz {_ONE}"),
         Door("show", f"ndd show m.npz {_ONE}"),
-    ), 90, ("provenance*", "* json.drop memory.*", "* json.drop initial.*")),
+    ), 90),
     Kind("policy", "policies and AV files", "policy", ("p.safetensors",), (
         Door("read", _policy, 20), Door("simulate", f"simulate --tests 8 --bv p.safetensors {_ONE}"),
         Door("softmax", f"simulate --tests 8 --bv p.safetensors --acting softmax:1 {_ONE}"),
-    ), 120, ("about*",)),
+    ), 120),
     Kind("av", "policies and AV files", "av", ("a.safetensors",), (
         Door("read", _av, 20), Door("simulate", f"simulate --tests 8 --av a.safetensors {_ONE}"),
-    ), 90, ("about*",)),
+    ), 90),
     Kind("checkpoint", "checkpoints and snapshots", "checkpoint", ("p.safetensors.checkpoint",), (
-        Door("read", _checkpoint, 6,
-        ("* json.*", "* array.*", "* place.missing", "* place.dangling", "* place.loop")),
+        Door("read", _checkpoint, 6, ("* place.missing", "* place.dangling", "* place.loop")),
         Door("resume", f"train --out p.safetensors --decisions 2048 --tests 20 --resume {_ONE}", 0.5),
     ), 15),
-    Kind("snapshot", "checkpoints and snapshots", "snapshot", ("w.world",), (Door("read", _snapshot),), 80,
-    ("* array.cell body", "* array.fill body")),  # bytes of numbers: what they make may be right
-    Kind("library", "library", "library", ("lib", "lib/*"), _LIBRARY_DOORS, 180, _ABOUT),
+    Kind("snapshot", "checkpoints and snapshots", "snapshot", ("w.world",), (Door("read", _snapshot),), 80),
+    Kind("library", "library", "library", ("lib", "lib/*"), _LIBRARY_DOORS, 180),
     Kind("scripted library", "library", "case-file", ("imported/library/*",), (
         Door("read", _library("imported/library"), 20, unread=("*/provenance.json", "*/model.npz")),
         Door("replay", "replay imported/library all --check --json", 2),
         Door("analyse", f"analyse imported/library --out an {_ONE}", 2),
         Door("retest", f"retest imported/library --av idm-mobil {_ONE}", 1),
         Door("openscenario", "export imported/library all --to openscenario --out x --json", 1, _LICENCE),
-    ), 80, _ABOUT),
+    ), 80),
     Kind("analysis", "folders", "analysed", ("lib-analysis", "lib-analysis/*"), (
-        # Early analyses have fewer columns; within its range a value may be.
-        Door("query", 'query lib-analysis "select * from cases" --json', 2,
-        tuple(f"* table.{op} *" for op in ("drop", "add", "cell", "null")),
+        Door("query", 'query lib-analysis "select * from cases" --json', 2, (),
         ("*/provenance.json", "*/points.parquet", "*/witnesses.parquet")),
         Door("serve", _exhibit("lib"), 3,
         free=("*",)),
         Door("figure", "figure lib --out f --json", 0.03),
         Door("again", f"analyse lib --out lib-analysis {_ONE}", 1, free=("*",)),
-    ), 35, _ABOUT),
+    ), 35),
     Kind("rate folder", "folders", "rate", ("rate", "rate/*", "rate/library/*"), (
         Door("resume", f"rate --method mc --max-tests 300 --av flawed-not-behind --out rate --resume {_ONE}", 2,
-        ("rate place.*", "rate/library* place.*", _SURPLUS)),
+        ("rate place.*", "rate/library* place.*"), ("rate/rate.json", "rate/library/model.npz")),  # written again
         Door("report", f"report rate --out page {_ONE}", 0.2), Door("serve", _exhibit("rate"), 4),
-    ), 30, _ABOUT),
+    ), 30),
     Kind("trees folder", "folders", "trees", ("rate", "rate/*", "rate/trees", "rate/trees/*", "rate/weighted/*"), (
         Door("resume", f"rate --method splitting --max-tests 6000 --av flawed-not-behind --out rate --resume {_ONE}",
-        1),
+        1, (), ("rate/rate.json",)),
         Door("report", f"report rate --out page {_ONE}", 0.1), Door("serve", _exhibit("rate"), 4),
         Door("replay", "replay rate/weighted all --check --json", 0.1),
-    ), 14, _ABOUT),
+    ), 14),
     Kind("run folder", "folders", "run", ("run", "run/*", "run/*/*"), (
         Door("resume", f"run --effort quick --seed 2 --av flawed-not-behind --out run --resume {_ONE}", 0.4,
         ("* place.missing", "* place.dangling", "run place.folder", "run/library place.folder",
-        "run/*analysis place.folder", _SURPLUS),
+        "run/*analysis place.folder"),
         ("run/exposure.json", "run/summary.json")),  # which it writes again
-        Door("report", f"report run {_ONE}", 1,
-        ("run/provenance.json * identity.*",  # it is shown as it stands
-        "run/report.html place.*",  # which it writes
-        "run/analysis/analysis.json json.drop value.top.*")),  # which early analyses lack
+        Door("report", f"report run {_ONE}", 1, ("run/report.html place.*",)),  # which it writes
         Door("serve", _exhibit("run"), 4,
-        ("run/*analysis place.*", "run/*analysis/* place.*", "run/*provenance.json *", "run/stages*",
-        "* table.add *", "run/*analysis/* table.drop *"),
-        ("run/*analysis/provenance.json",)),  # it analyses anew; early analyses have fewer columns
-    ), 24, _ABOUT),
+        ("run/*analysis place.*", "run/*analysis/* place.*", "run/*provenance.json *", "run/stages*"),
+        ("run/*analysis/provenance.json",)),  # it analyses anew
+    ), 24),
     Kind("suite", "folders", "suite", ("suite", "suite/*"), (
         Door("retest", f"retest suite --av idm-mobil {_ONE}"), Door("read", _library("suite"), 3),
-    ), 20, _ABOUT),
+    ), 20),
     Kind("ngsim", "trajectories", "tracks", ("ngsim.csv",), (Door("read", _decisions("ngsim.csv"), 10), Door("scene",
     _traffic("ngsim.csv"), 2), Door("cases", f"cases from-data ngsim.csv --out x {_ONE}", 0.1)), 60),
     Kind("clips", "trajectories", "tracks", ("clips.csv",), (Door("read", _decisions("clips.csv"), 10), Door("scene",

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import copy
-import hashlib
 import io
 import json
 import re
 import zipfile
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -21,7 +19,6 @@ from numpy.typing import NDArray
 from safetensors import safe_open
 from safetensors.numpy import save
 
-from cornerforge import _checksums as checksums
 from cornerforge import _table_checks as table_checks
 from cornerforge._checksums import _MEMBER, KEY
 
@@ -41,10 +38,11 @@ class Parts:
 
     @property
     def has_checksums(self) -> bool:
-        """Whether the file says what it should hold: then a change can be noticed unless they are made anew."""
+        """Whether the file says what it should hold: then any change can be noticed."""
         marked = self.table is not None and table_checks._KEY in (self.table.schema.metadata or {})
-        document = self.documents.get("")
-        return bool(self.marks) or marked or (isinstance(document, dict) and KEY in document)
+        return (
+            bool(self.marks) or marked or any(isinstance(one, dict) and KEY in one for one in self.documents.values())
+        )
 
     def copied(self) -> Parts:
         """Copy what may be changed in place; arrays are replaced, never changed."""
@@ -77,30 +75,24 @@ def _parts_of(path: Path, _: int) -> Parts:
             with safe_open(path, framework="numpy") as file:
                 metadata = file.metadata() or {}
                 arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-            marks = {name: text for name, text in metadata.items() if name == KEY}
-            return Parts({n: json.loads(text) for n, text in metadata.items() if n not in marks}, arrays, marks=marks)
+            return Parts({name: json.loads(text) for name, text in metadata.items()}, arrays)
         case ".world":
-            magic, head, body = path.read_bytes()[:-32].split(b"\n", 2)
+            content = path.read_bytes()
+            magic, head, body = content[:-32].split(b"\n", 2)
             assert magic == _WORLD
-            return Parts({"head": json.loads(head)}, {"body": np.frombuffer(body, np.uint8)})
+            arrays = {"body": np.frombuffer(body, np.uint8)}
+            return Parts({"head": json.loads(head)}, arrays, marks={"sha256": content[-32:].hex()})
         case ".parquet":
             return Parts(table=pq.read_table(pa.BufferReader(path.read_bytes())))
     return Parts()
 
 
-def write_parts(path: Path, parts: Parts, *, sealed: bool) -> None:
-    """Put a file together again; arrays that a format cannot hold become float32.
-
-    Args:
-        path: The file.
-        parts: What it is made of.
-        sealed: With the checksums of what is in it now, as of somebody who makes them anew; else with those it had.
-    """
+def write_parts(path: Path, parts: Parts) -> None:
+    """Put a file together again, with the checksums that it had; arrays that a format cannot hold become float32."""
     texts = {name: text_with_raw(document) for name, document in parts.documents.items()}
-    marks = dict(parts.marks)
     match path.suffix:
         case ".json":
-            path.write_text((_marked(texts[""]) if sealed else texts[""]) + "\n", encoding="utf-8")
+            path.write_text(texts[""] + "\n", encoding="utf-8")
         case ".npy":
             if parts.arrays:
                 np.save(path, next(iter(parts.arrays.values())))
@@ -108,40 +100,19 @@ def write_parts(path: Path, parts: Parts, *, sealed: bool) -> None:
                 path.write_bytes(b"")
         case ".npz":
             arrays = {**{name: np.array(text) for name, text in texts.items()}, **parts.arrays}
-            if sealed and marks:
-                marks[_MEMBER] = json.dumps({name: checksums._of_array(array) for name, array in arrays.items()})
             content = io.BytesIO()
-            np.savez(content, allow_pickle=False, **{n: np.array(text) for n, text in marks.items()}, **arrays)
+            np.savez(content, allow_pickle=False, **{n: np.array(text) for n, text in parts.marks.items()}, **arrays)
             path.write_bytes(content.getvalue())
         case ".safetensors" | ".checkpoint":
             held = {name: np.ascontiguousarray(_storable(array)) for name, array in parts.arrays.items()}
-            if sealed and marks:
-                with suppress(ValueError, RecursionError, AttributeError):  # its header is no object: sealed or not
-                    (header,) = (json.loads(text) for text in texts.values())
-                    marks[KEY] = checksums._header_checksum(header, held)
-            path.write_bytes(save(held, metadata=texts | marks))
+            path.write_bytes(save(held, metadata=texts))
         case ".world":
             body = b"".join(np.ascontiguousarray(array).tobytes() for array in parts.arrays.values())
             whole = b"\n".join([_WORLD, texts["head"].encode(), body])
-            path.write_bytes(whole + hashlib.sha256(whole).digest())
+            path.write_bytes(whole + bytes.fromhex(parts.marks["sha256"]))
         case ".parquet":
             assert parts.table is not None
-            table = parts.table
-            if sealed and (table.schema.metadata or {}).get(table_checks._KEY):
-                with suppress(
-                    pa.ArrowException, TypeError, ValueError, AttributeError
-                ):  # of a type that has no checksum
-                    table = table_checks.with_checks(table.combine_chunks())
-            pq.write_table(table, path, compression="zstd")
-
-
-def _marked(text: str) -> str:
-    """Put the right checksum in the place of an object's own, and leave all else as it stands."""
-    with suppress(ValueError, RecursionError, TypeError):
-        content = json.loads(text)
-        if isinstance(content, dict) and isinstance(content.get(KEY), str):
-            return text.replace(json.dumps(content[KEY]), json.dumps(checksums.json_checksum(content)))
-    return text
+            pq.write_table(parts.table, path, compression="zstd")
 
 
 def _storable(array: NDArray[Any]) -> NDArray[Any]:

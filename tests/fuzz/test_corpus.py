@@ -74,16 +74,16 @@ def test_a_recipe_is_json_and_makes_the_same_damage_again(name: str, seeds: Path
 
 
 def test_a_file_put_together_again_is_the_same_to_its_reader(seeds: Path, tmp_path: Path) -> None:
-    from cornerforge.ndd.model import load_model, model_hash
+    from cornerforge.experiment.policy_file import load_policy, policy_hash
 
-    whole = seed_folder(seeds, "model") / "m.npz"
-    write_parts(tmp_path / "m.npz", parts_of(whole).copied(), sealed=True)
-    assert model_hash(load_model(tmp_path / "m.npz")) == model_hash(load_model(whole))
+    whole = seed_folder(seeds, "policy") / "p.safetensors"
+    write_parts(tmp_path / whole.name, parts_of(whole).copied())
+    assert policy_hash(load_policy(tmp_path / whole.name)) == policy_hash(load_policy(whole))
 
 
 def test_what_nobody_could_notice() -> None:
-    """A number that may be meant so, under a checksum that fits; not one that cannot be meant."""
-    one = {"file": "x.json", "op": "json.set", "path": ["a"], "sealed": True}
+    """A number that may be meant so, without a checksum; not one that cannot be meant."""
+    one = {"file": "x.json", "op": "json.set", "path": ["a"]}
     assert not could_notice(one | {"value": "0.5"})
     assert could_notice(one | {"value": "NaN"})
-    assert could_notice(one | {"value": "0.5", "sealed": False})
+    assert could_notice(one | {"value": "0.5", "checked": True})

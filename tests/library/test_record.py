@@ -5,16 +5,14 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import pyarrow as pa
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cornerforge.errors import InputError
 from cornerforge.library import CaseRecord, case_record
-from cornerforge.library.tables import restore, script_of
+from cornerforge.library.tables import restore
 from cornerforge.sim.harvest import NEAR_M
-from cornerforge.sim.scripted import START_FIELDS, TRAITS
 from cornerforge.types import Crash, Odd, Scenario
 
 Make = Callable[..., Scenario]
@@ -169,25 +167,3 @@ def test_a_crash_outside_the_recording_is_refused(make_scenario: Make, crash: Cr
 def test_extra_names_that_cannot_be_columns_are_refused(make_scenario: Make, name: str) -> None:
     with pytest.raises(InputError, match="Extra column"):
         case_record(make_scenario(1), trajectory_digest="ab", extra={name: 1})
-
-
-def test_drivers_of_older_starts_desire_the_speed_that_they_have(make_scenario: Make) -> None:
-    """Stored before drivers looked away, before lane changes had times, before memory, and before there were trucks."""
-    scenario = make_scenario(5)
-    states = np.zeros((scenario.slot.size, len(START_FIELDS)))
-    states[:, START_FIELDS.index("speed")] = 20.0 + np.arange(len(states))
-    states[:, START_FIELDS.index("length")], states[:, START_FIELDS.index("width")] = scenario.length, scenario.width
-    for lacking in (2, 4, 5, len(TRAITS), len(TRAITS) + 3):
-        stored = states[:, : len(START_FIELDS) - lacking]
-        script = script_of(scenario, pa.table({"start": pa.array([stored.reshape(-1).tolist()])}), 0)
-        assert script is not None
-        assert set(script.start["noise"]) == {0.0}
-        assert set(script.start["inattention"]) == {1.0}
-        assert set(script.start["signals"]) == {0 if lacking == 2 else 1}
-        assert set(script.start["away"]) == {0}
-        if lacking > 5:
-            np.testing.assert_array_equal(script.start["desired_speed"], script.start["speed"])
-            np.testing.assert_array_equal(script.start["quantile"], 0.5)
-        if lacking > 4:
-            np.testing.assert_array_equal(script.start["change_time"], scenario.odd.lane_change_duration)
-        np.testing.assert_array_equal(script.start["length"], scenario.length)

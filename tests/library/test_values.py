@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,27 +10,17 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from edited_files import edit_object
+from edited_files import rewrite_shard
 
-from cornerforge._table_checks import with_checks
 from cornerforge.errors import FileFormatError
-from cornerforge.fields import BODY
 from cornerforge.library import CaseLibrary, case_record
-from cornerforge.library.tables import ROW_GROUP
-from cornerforge.library.values import ShardFacts, cases_fault
 from cornerforge.types import ODDS, Scenario
 
 ROW = 1
 
 
 def rewrite(folder: Path, kind: str, change: Callable[[pa.Table], pa.Table]) -> None:
-    """Change the table of the second shard, and make all checksums anew."""
-    path = folder / f"{kind}-000001.parquet"
-    pq.write_table(with_checks(change(pq.read_table(path))), path, row_group_size=ROW_GROUP)
-    shards = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["shards"]
-    content = path.read_bytes()
-    shards[1][f"{kind}_file"] |= {"size": len(content), "sha256": hashlib.sha256(content).hexdigest()}
-    edit_object(folder / "manifest.json", shards=shards)
+    rewrite_shard(folder, 1, kind, change)
 
 
 def set_cell(column: str, value: Any) -> Callable[[pa.Table], pa.Table]:
@@ -53,63 +40,33 @@ def put(index: int, value: Any) -> Callable[[list[Any]], list[Any]]:
 
 
 CASES: list[tuple[str, Any, str]] = [
-    ("seed", 8, "seed of the library's run"),
-    ("test", 10, "ascending"),
     ("test", -1, "at least 0|0 to"),
-    ("case_id", "7:99", "seed:test"),
     ("crash_time_s", math.nan, "0 to"),
     ("crash_time_s", 1e308, "0 to"),
-    ("crash_time_s", 9000.0, "time limit"),
-    ("duration_s", 3.0, "crash_time_s"),
     ("bv_slot", 0, "1 to"),
     ("av_speed_mps", math.inf, "-100 to 200 m/s"),
-    ("av_speed_mps", lambda v: v + 1.0, "difference|speed"),
-    ("impact_speed_difference_mps", lambda v: -v, "bv_speed_mps - av_speed_mps"),
     ("relative_heading_rad", 4.0, "-3.14159 to 3.14159"),
-    ("relative_lat_m", lambda v: v + 0.5, "difference of y"),
     ("n_vehicles", 1, "2 to"),
-    ("n_decisions", 99, "one for each second"),
-    ("n_impossible", 99, "at most n_decisions"),
     ("log_prob_nde", 0.5, "at most 0"),
     ("log_prob_nde", -math.inf, "at most 0"),
-    ("log_prob_nde", None, "missing where n_impossible is above 0, and there alone"),
     ("min_ttc_s", -1.0, "at least 0"),
     ("min_ttc_s", math.inf, "at least 0"),
     ("log_prob_policy", None, "a number"),
-    ("critical_bv_action", [0], "one for each decision"),
     ("critical_bv_action", put(0, 33), "-1 to 32"),
     ("history", put(0, 1e9), "-100000 to 100000"),
     ("bv_length_m", 0.0, "0.1 to 100 m"),
     ("bv_kind", 3, "0 to 2"),
-    ("n_implausible", 99, "at most n_decisions"),
     ("trajectory_digest", None, "missing"),
-    ("av_max_braking_mps2", None, "there, in a crash after 0.3 s"),
 ]
 TRACKS: list[tuple[str, Any, str]] = [
-    ("case_id", "7:99", "same row of the cases"),
     ("n_frames", 0, "at least 1"),
-    ("n_frames", 30, "until crash_time_s"),
-    ("slot", put(0, 1), "the AV's 0 first"),
-    ("slot", lambda v: v[::-1], "the AV's 0 first"),
-    ("slot", [], "the AV's 0 first"),
-    ("slot", lambda v: [0, *(one + 10 for one in v[1:])], "crash partner"),
-    ("x_m", lambda v: v[:-1], "n_frames for each vehicle"),
     ("x_m", put(5, math.inf), "-100000 to 100000 m"),
-    ("x_m", put(5, math.nan), "finite where the vehicle is present"),
     ("y_m", put(5, 1e30), "-100000 to 100000 m"),
     ("speed_mps", put(5, 1e6), "-100 to 200"),
-    ("speed_mps", lambda v: [one + 1.0 for one in v], "av_speed_mps of the case"),
     ("target_lane", put(5, 9), "-1 to 5"),
-    ("target_lane", put(5, 5), "a lane of the road"),
-    ("present", put(5, False), "finite where|true of the AV"),
     ("length_m", put(0, -5.0), "0.1 to 100 m"),
-    ("width_m", [], "one for each vehicle"),
     ("action", put(0, 40), "-1 to 32"),
-    ("action", lambda v: v * 2, "one for each decision of each vehicle"),
-    ("critical_bv", put(1, 77), "an index into slot"),
-    ("critical_bv", [], "one for each decision"),
     ("decision_log_prob_nde", put(1, 1.0), "at most 0"),
-    ("decision_log_prob_nde", [], "one for each decision"),
 ]
 
 
@@ -140,40 +97,6 @@ def test_an_impossible_trajectory_is_refused(filled: Path, column: str, value: A
     assert [text.split()[0] for text in library.verify()] == ["tracks-000001.parquet"]
 
 
-@pytest.mark.parametrize(
-    ("lacking", "is_early"),
-    [
-        (["length_m"], False),
-        (["kind", "change_time_s"], False),
-        (["change_time_s"], True),
-        ([one.column.name for one in BODY], True),
-    ],
-    ids=["one", "two", "early", "earlier"],
-)
-def test_only_what_early_libraries_lack_together_may_be_missing(
-    filled: Path, lacking: list[str], is_early: bool
-) -> None:
-    rewrite(filled, "tracks", lambda table: table.drop_columns(lacking))
-    library = CaseLibrary.open(filled)
-    if is_early:
-        assert library.verify() == []
-        assert sum(len(cases) for cases, _ in library.shards()) == len(library)
-        return
-    with pytest.raises(FileFormatError, match=f'tracks-000001.parquet: it lacks the column "{min(lacking)}"'):
-        list(library.shards())
-
-
-def test_a_policy_is_named_by_its_hash(filled: Path) -> None:
-    library = CaseLibrary.open(filled)
-    facts = ShardFacts(7, library.odd, 0, 99)
-    for text, fault in (
-        ("0123456789abcdef", None),
-        ("1e999", "\"policy\" of row 0 is '1e999'; it must be 16 hex digits"),
-    ):
-        table = pa.table({"policy": [text], "log_prob_policy": [0.0]})
-        assert cases_fault(table, facts) == fault
-
-
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", ["cases", "tracks"])
 @pytest.mark.parametrize(
@@ -183,39 +106,14 @@ def test_a_policy_is_named_by_its_hash(filled: Path) -> None:
         lambda t: t.slice(1),
         lambda t: pa.concat_tables([t, t.slice(0, 1)]),
         lambda t: t.set_column(0, "case_id", pa.array(range(t.num_rows))),
-        lambda t: t.take(list(range(t.num_rows))[::-1]),
+        lambda t: t.append_column("more", pa.array(range(t.num_rows))),
     ],
-    ids=["no ids", "a row less", "a row more", "ids as numbers", "turned round"],
+    ids=["no ids", "a row less", "a row more", "ids as numbers", "a column more"],
 )
 def test_another_table_is_refused(filled: Path, kind: str, change: Callable[[pa.Table], pa.Table]) -> None:
     rewrite(filled, kind, change)
     with pytest.raises(FileFormatError, match=f"{kind}-000001"):
         list(CaseLibrary.open(filled).shards())
-
-
-@pytest.mark.parametrize(
-    ("whole", "possible", "implausible", "fine"),
-    [
-        (2.0, 2.0, 0, True),
-        (math.inf, 2.0, 1, True),
-        (math.inf, 2.0, 0, False),
-        (3.0, 2.0, 0, False),
-        (3.0, 2.0, 1, False),
-    ],
-)
-def test_a_shortfall_is_that_of_its_parts(
-    filled: Path, whole: float, possible: float, implausible: int, *, fine: bool
-) -> None:
-    values = {"shortfall_nats": whole, "possible_shortfall_nats": possible, "n_implausible": implausible}
-
-    def change(table: pa.Table) -> pa.Table:
-        for column, value in values.items():
-            table = set_cell(column, value)(table)
-        return table
-
-    rewrite(filled, "cases", change)
-    told = CaseLibrary.open(filled).verify()
-    assert told == [] if fine else re.search("inf where n_implausible is above 0", told[0])
 
 
 @pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan, 1e308])

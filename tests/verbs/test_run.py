@@ -236,7 +236,6 @@ def test_without_resume_nothing_is_touched(finished: tuple[Path, RunDone]) -> No
     assert snapshot(finished[0]) == before
 
 
-@pytest.mark.filterwarnings("ignore::cornerforge._checksums.NoChecksumWarning")
 def test_a_damaged_stage_is_named(finished: tuple[Path, RunDone], tmp_path: Path) -> None:
     folder = tmp_path / "out"
     (folder / "stages").mkdir(parents=True)

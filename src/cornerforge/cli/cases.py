@@ -395,13 +395,15 @@ def verify(
 
 @command("cornerforge migrate old/library --out out/library")
 def migrate(
-    library: Library,
-    out: Annotated[Path, typer.Option(help="Folder of the new library.", show_default=False)],
+    library: Annotated[
+        Path, typer.Argument(metavar="OLD", help="A library, the folder of a run, or a file.", show_default=False)
+    ],
+    out: Annotated[Path, typer.Option(help="A new folder, or a new file.", show_default=False)],
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
 ) -> None:
-    """Write a library of an earlier version anew, with the present columns and checksums."""
+    """Write a library, a run or a file of an earlier version anew, with the present columns and checksums."""
     run_command(
         lambda bars: cornerforge.migrate(library, out=out, progress=bars),
         lambda r: f"{r.cases:,} cases of version {r.made_by}: {r.library}",

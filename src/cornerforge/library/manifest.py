@@ -10,12 +10,12 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from cornerforge._checksums import check_json, with_checksum
+from cornerforge._checksums import KEY, check_json, with_checksum
 from cornerforge._files import read_bytes, reason, writing
 from cornerforge._objects import object_fault
 from cornerforge._strict_json import parse
@@ -54,12 +54,7 @@ Identity: TypeAlias = Mapping[str, str | int | float | bool | None]
 MANIFEST = "manifest.json"
 _FORMAT = "cornerforge case library"
 _SHARD_FILE = r"(cases|tracks)-\d{6,}(-growing)?\.parquet"
-_ALWAYS_STATED = tuple(Odd.of_stated({}).stated())
-"""Fields of an ODD that all libraries name."""
-_OURS = re.compile(
-    rf"{_SHARD_FILE}|\.({_SHARD_FILE}|manifest\.json)(\.[0-9a-f]{{8}})?\.part"
-    rf"|{_SHARD_FILE}\.tmp|manifest\.json\.tmp"  # names that earlier versions left
-)
+_OURS = re.compile(rf"{_SHARD_FILE}|\.({_SHARD_FILE}|manifest\.json)(\.[0-9a-f]{{8}})?\.part")
 
 
 @dataclass(frozen=True)
@@ -165,8 +160,12 @@ def write_manifest(folder: Path, manifest: Manifest) -> bytes:
     return text.encode()
 
 
-def read_manifest(folder: Path) -> tuple[Manifest, bytes]:
+def read_manifest(folder: Path, *, old: bool = False) -> tuple[Manifest, bytes]:
     """Read a library's manifest; returns it and its bytes.
+
+    Args:
+        folder: The library.
+        old: It may be one without a checksum, as version 0.1 wrote it.
 
     Raises:
         FileFormatError: There is none, it is damaged, or of another schema.
@@ -184,6 +183,8 @@ def read_manifest(folder: Path) -> tuple[Manifest, bytes]:
         raise FileFormatError(f"{path} is damaged: {error}; restore it from a copy.") from error
     if not isinstance(parsed, dict) or parsed.get("format") != _FORMAT:
         raise FileFormatError(f"{path} is not the manifest of a case library; give the folder that `generate` made.")
+    if old and KEY not in parsed:
+        parsed = with_checksum(parsed)
     version = parsed.get("schema_version")
     if version not in range(1, SCHEMA_VERSION + 1):
         newer = isinstance(version, int) and version > SCHEMA_VERSION
@@ -192,54 +193,26 @@ def read_manifest(folder: Path) -> tuple[Manifest, bytes]:
             f"{folder} has library schema {version!r}, written by cornerforge {parsed.get('created_by')}; "
             f"this version reads schemas 1 to {SCHEMA_VERSION}: {advice}."
         )
-    fault = object_fault(parsed, MANIFEST_FIELDS) or _relation_fault(parsed)
+    rest = check_json(path, parsed)
+    fault = object_fault(parsed, MANIFEST_FIELDS) or _shards_fault(parsed["shards"])
+    fault = fault or object_fault(parsed["run"], [one for one in IDENTITY_FIELDS if one.name in parsed["run"]], "run")
     if fault is not None:
         raise FileFormatError(f"{path} is damaged: {fault}; restore it from a copy.")
-    parsed = check_json(path, parsed)
     try:
-        return _parse(parsed), content
+        return _parse(rest), content
     except (KeyError, TypeError, ValueError, InputError) as error:
         raise FileFormatError(f"{path} is damaged: {error}; restore it from a copy.") from error
 
 
-def _relation_fault(content: Mapping[str, Any]) -> str | None:
-    """Say what does not fit together in a manifest, or None."""
-    before, cases = -1, 0
-    for i, shard in enumerate(content["shards"]):
+def _shards_fault(shards: Sequence[Mapping[str, Any]]) -> str | None:
+    """Say what is wrong with one of the shards of a manifest, or None."""
+    for i, shard in enumerate(shards):
         place = f"shards[{i}]"
         fault = object_fault(shard, SHARD_FIELDS, place)
         for key in ("cases_file", "tracks_file") if fault is None else ():
             fault = fault or object_fault(shard[key], FILE_FIELDS, f"{place}.{key}")
         if fault is not None:
             return fault
-        first, last = shard["first_test"], shard["last_test"]
-        if not before < first <= last < content["next_test"]:
-            return f'"{place}" holds tests {first} to {last}; they must ascend after {before}, below "next_test"'
-        if shard["cases"] > last - first + 1:
-            return f'"{place}.cases" is {shard["cases"]}; it must be at most the number of its tests'
-        before, cases = last, cases + shard["cases"]
-    run = content["run"]
-    fault = object_fault(run, [field for field in IDENTITY_FIELDS if field.name in run], "run")
-    fault = fault or _odd_fault(run, content["odd"])
-    if fault is not None:
-        return fault
-    version = schema_version(scripted=run.get(SCRIPTED) is True, on_rails=run.get(ON_RAILS) is True)
-    if content["schema_version"] != version:
-        return f'"schema_version" is {content["schema_version"]}; of what "run" says it must be {version}'
-    for key, least in (("crashes", cases), ("tests", content["crashes"])):
-        if content[key] < least:
-            return f'"{key}" is {content[key]}; it must be at least {least}'
-    return None
-
-
-def _odd_fault(run: Mapping[str, Any], odd: Mapping[str, Any]) -> str | None:
-    """Say what an ODD lacks, or where it is not that of the experiment which `run` names; or None."""
-    for name in _ALWAYS_STATED:
-        if name not in odd:
-            return f'"odd.{name}" is missing'
-    for key, name in (("odd", "name"), ("lanes", "n_lanes")) if "config_hash" in run else ():
-        if run.get(key, odd[name]) != odd[name]:
-            return f'"run.{key}" is {shown(run[key])}; it must be "odd.{name}", {shown(odd[name])}'
     return None
 
 

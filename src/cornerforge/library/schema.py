@@ -34,6 +34,7 @@ __all__ = [
     "own_fields",
     "schema_markdown",
     "schema_version",
+    "tracks_fields",
 ]
 
 SCHEMA_VERSION = 3
@@ -92,7 +93,7 @@ MANIFEST_FIELDS: tuple[Field, ...] = (
         "odd",
         "object",
         "",
-        "Road and rules: the fields of `cornerforge.Odd`; what came after version 0.1 may be left out.",
+        "Road and rules: the fields of `cornerforge.Odd`; what does not occur may be left out.",
     ),
     Field("extra", "object", "", "Own columns of the library, type by name; null: no case yet.", nullable=True),
     Field("shards", "list of object", "", "The shards, ascending by test."),
@@ -100,7 +101,7 @@ MANIFEST_FIELDS: tuple[Field, ...] = (
     Field("tests", "int64", "", "Tests done.", _COUNT),
     Field("crashes", "int64", "", "AV crashes among them; may exceed the cases stored.", _COUNT),
     Field("finished", "bool", "", "The run reached its target."),
-    Field("sha256", "string", "", "Of the other keys; may be missing in libraries of version 0.1.", optional=True),
+    Field("sha256", "string", "", "Of the other keys."),
 )
 """What a manifest holds."""
 
@@ -118,7 +119,7 @@ IDENTITY_FIELDS: tuple[Field, ...] = (
     Field("policies", "int64", "", "How many policies drive, in turn.", (0, 10_000)),
     Field("policy_hash", "hex", "", "Hash of them; null: none.", nullable=True),
     Field("av_steers", "bool", "", "The AV steers; may be missing: it does not.", optional=True),
-    Field("config_hash", "hex", "", "Hash of the settings; may be missing in early libraries.", optional=True),
+    Field("config_hash", "hex", "", "Hash of the settings; may be missing.", optional=True),
     Field("cornerforge", "string", "", "Version that drove; may be missing.", optional=True),
     Field("code", "hex", "", "Hash of the code that drove; may be missing.", optional=True),
     Field("scripted", "bool", "", "All cases are scripted; may be missing: they are tests of the seed.", optional=True),
@@ -169,12 +170,16 @@ def own_fields(extra: Mapping[str, str]) -> tuple[Field, ...]:
     """Say what a caller's own columns hold: no value is missing; a real number may be anything.
 
     Args:
-        extra: Name to a key of `EXTRA_TYPES`; names of `CASES`, which early libraries may have here, are left out.
+        extra: Name to a key of `EXTRA_TYPES`.
     """
-    known = {field.name: field for field in (*CASES, *AV_SIZES)}
+    known = {field.name: field for field in AV_SIZES}
     anything = "One of the caller's own; may be NaN.", (-math.inf, math.inf)
-    own = [known.get(name) or Field(name, _EXTRA[kind], "", *anything, nan=True) for name, kind in extra.items()]
-    return tuple(field for field in own if field not in CASES)
+    return tuple(known.get(name) or Field(name, _EXTRA[kind], "", *anything, nan=True) for name, kind in extra.items())
+
+
+def tracks_fields(run: Mapping[str, object]) -> tuple[Field, ...]:
+    """Give the columns of the tracks of a library, by what names its run."""
+    return RAILS_TRACKS if run.get(ON_RAILS) is True else SCRIPTED_TRACKS if run.get(SCRIPTED) is True else TRACKS
 
 
 def arrow_schema(columns: tuple[Field, ...], extra: Mapping[str, str] | None = None) -> pa.Schema:
@@ -182,12 +187,10 @@ def arrow_schema(columns: tuple[Field, ...], extra: Mapping[str, str] | None = N
 
     Args:
         columns: `CASES`, `TRACKS`, `SCRIPTED_TRACKS` or `RAILS_TRACKS`.
-        extra: Caller's own columns, name to a key of `EXTRA_TYPES`; columns that `columns` has too, as the
-            shortfall of early libraries, are left out.
+        extra: Caller's own columns, name to a key of `EXTRA_TYPES`.
     """
-    names = {column.name for column in columns}
     fields = arrow_fields(columns)
-    fields += [pa.field(name, EXTRA_TYPES[kind]) for name, kind in (extra or {}).items() if name not in names]
+    fields += [pa.field(name, EXTRA_TYPES[kind]) for name, kind in (extra or {}).items()]
     version = schema_version(
         scripted=columns is SCRIPTED_TRACKS or columns is RAILS_TRACKS, on_rails=columns is RAILS_TRACKS
     )

@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from cornerforge._arrow import arrow_field
+from cornerforge._checksums import MIGRATE
 from cornerforge._files import check_regular, reason
 from cornerforge._table_checks import TableChecks, with_checks
-from cornerforge._values import values_of
+from cornerforge._values import table_fault
 from cornerforge.errors import FileFormatError, InputError
-from cornerforge.fields import BODY, CASES, PARTNER, SHORTFALL, TRACKS
+from cornerforge.fields import CASES, Field
 from cornerforge.library.manifest import Manifest, Shard, StoredFile, replace_file, shard_names
 from cornerforge.library.record import CaseRecord, extra_kinds
-from cornerforge.library.schema import EXTRA_TYPES, own_fields
+from cornerforge.library.schema import EXTRA_TYPES, own_fields, tracks_fields
 from cornerforge.library.tables import ROW_GROUP, parquet_bytes
-from cornerforge.library.values import ShardFacts, cases_fault, tracks_fault
 
 __all__ = [
     "DamagedShardWarning",
@@ -39,12 +35,6 @@ __all__ = [
     "joined",
     "write_shard",
 ]
-
-
-_LATER = (*SHORTFALL, *PARTNER)
-"""Columns of cases that early libraries lack."""
-_LATER_TRACKS = tuple({body.column.name for body in BODY[first:]} for first in (0, 3))
-"""Columns of tracks that early libraries lack together; what is on rails is not so old."""
 
 
 class DamagedShardWarning(UserWarning):
@@ -142,26 +132,24 @@ class Tracks:
 
     Args:
         file: Its file.
-        checks: The checksums that the file carries, if any.
+        checks: The checksums that the file carries.
         found: Is told what is wrong with the rows that are read, None for nothing; says whether they may be used.
     """
 
     def __init__(
-        self, file: pq.ParquetFile, checks: TableChecks | None, found: Callable[[pa.Table, int, str | None], bool]
+        self, file: pq.ParquetFile, checks: TableChecks, found: Callable[[pa.Table, int, str | None], bool]
     ) -> None:
         self._file, self._checks, self._found = file, checks, found
 
     def all(self) -> pa.Table | None:
         """Read all cases; None if something is wrong with them."""
         table = self._file.read()
-        fault = None if self._checks is None else self._checks.fault(table)
-        return table if self._found(table, 0, fault) else None
+        return table if self._found(table, 0, self._checks.fault(table)) else None
 
     def case(self, row: int) -> pa.Table | None:
         """Read the case of a row, as a table of one row; None if something is wrong with it."""
         table = self._file.read_row_group(row // ROW_GROUP).slice(row % ROW_GROUP, 1).combine_chunks()
-        fault = None if self._checks is None else self._checks.row_fault(table, row)
-        return table if self._found(table, row, fault) else None
+        return table if self._found(table, row, self._checks.row_fault(table, row)) else None
 
 
 class ShardReader:
@@ -175,9 +163,7 @@ class ShardReader:
     def __init__(self, folder: Path, manifest: Manifest) -> None:
         self.damaged: dict[str, str] = {}
         self.own_columns: Mapping[str, str] = manifest.extra or {}
-        self._folder, self._odd = folder, manifest.odd
-        self._seed = int(str(manifest.run["seed"]))
-        self._scripted, self._on_rails = manifest.scripted, manifest.on_rails
+        self._folder, self._tracks = folder, tracks_fields(manifest.run)
         self._last_tracks: tuple[str, pa.Buffer, pq.FileMetaData] | None = None
         self._checked: set[tuple[str, tuple[str, ...] | None]] = set()
 
@@ -222,58 +208,36 @@ class ShardReader:
         """Read columns (None: all) of a shard's cases, or None if the file is damaged.
 
         Raises:
-            FileFormatError: A value is not what `fields.CASES` and `values.CASE_RELATIONS` say.
+            FileFormatError: A column or value is not what `fields.CASES` says, or an earlier version wrote it.
         """
-        content = self.read(shard.cases_file)
+        stored = shard.cases_file
+        content = self.read(stored)
         if content is None:
             return None
         wanted = None if columns is None else list(columns)
-        with self._parsing(shard.cases_file):
-            schema = pq.read_schema(pa.BufferReader(content))
-            there = schema.names
-            is_early = not all(field.name in there for field in _LATER)
-            missing = {field.name for field in CASES} - {field.name for field in _LATER} - set(there)
-            if missing:
-                raise self._wrong(shard.cases_file, f'it lacks the column "{min(missing)}"')
-            surplus = set(there) - {field.name for field in CASES} - set(self.own_columns)
-            if surplus:
-                raise self._wrong(shard.cases_file, f'it has the column "{min(surplus)}", which is not in the manifest')
-            for name, kind in self.own_columns.items():
-                if name not in there or schema.field(name).type != EXTRA_TYPES[kind]:
-                    raise self._wrong(
-                        shard.cases_file, f'it has no column "{name}" of {kind}, which is in the manifest'
-                    )
-            table = pq.read_table(pa.BufferReader(content), columns=None if is_early else wanted)
-            checks = TableChecks.of(table.schema)
-        if table.num_rows != shard.cases:
-            raise self._wrong(shard.cases_file, f"it holds {table.num_rows} cases, the manifest says {shard.cases}")
-        key = shard.cases_file.sha256, None if wanted is None else tuple(wanted)
+        fields = (*CASES, *own_fields(self.own_columns))
+        with self._parsing(stored):
+            file = pq.ParquetFile(pa.BufferReader(content))
+            checks = self._checks(file, shard, stored, fields)
+            table = file.read(wanted)
+        key = stored.sha256, None if wanted is None else tuple(wanted)
         if key not in self._checked:
-            if checks is not None and (fault := checks.fault(table)) is not None:
-                self._note(shard.cases_file.name, fault)
+            if (fault := checks.fault(table)) is not None:
+                self._note(stored.name, fault)
                 return None
-            fault = cases_fault(table, self._facts(shard), own_fields(self.own_columns))
-            if fault is not None:
-                raise self._wrong(shard.cases_file, fault)
+            self._check_values(stored, table, fields)
             self._checked.add(key)
-        if not is_early:
-            return table
-        table = _with_partner(_with_shortfall(table))
-        return table if wanted is None else table.select(wanted)
+        return table
 
-    def tracks(self, shard: Shard, cases: pa.Table) -> Tracks | None:
+    def tracks(self, shard: Shard) -> Tracks | None:
         """Read a shard's trajectories, or None if the file is damaged.
 
         The last file's bytes stay in memory, because cases are mostly read one after the other. Each call gets a reader
         of its own: two threads with one would take what it has buffered from each other.
 
-        Args:
-            shard: The shard.
-            cases: All columns of its cases.
-
         Raises:
-            FileFormatError: The file is no table of trajectories; `Tracks` raises it where a value is not what
-                `schema.RAILS_TRACKS` and `values.TRACK_RELATIONS` say.
+            FileFormatError: The file is no table of trajectories, or an earlier version wrote it; `Tracks` raises it
+                where a value is not what `schema.tracks_fields` says.
         """
         last, stored = self._last_tracks, shard.tracks_file
         with self._parsing(stored):
@@ -284,16 +248,7 @@ class ShardReader:
                 last = stored.sha256, content, pq.read_metadata(pa.BufferReader(content))
                 self._last_tracks = last
             file = pq.ParquetFile(pa.BufferReader(last[1]), metadata=last[2])
-            checks = TableChecks.of(file.schema_arrow)
-        missing = {field.name for field in TRACKS} - set(file.schema_arrow.names)
-        if missing and missing not in ([] if self._on_rails else _LATER_TRACKS):
-            raise self._wrong(stored, f'it lacks the column "{min(missing)}"')
-        for name, wanted in (("start", self._scripted), ("rails", self._on_rails)):
-            if (name in file.schema_arrow.names) != wanted:
-                there = "lacks" if wanted else "has"
-                raise self._wrong(stored, f'it {there} the column "{name}", which does not fit what the manifest says')
-        if file.metadata.num_rows != shard.cases:
-            raise self._wrong(stored, f"it holds {file.metadata.num_rows} cases, the manifest says {shard.cases}")
+            checks = self._checks(file, shard, stored, self._tracks)
 
         def found(table: pa.Table, row: int, fault: str | None) -> bool:
             if fault is not None:
@@ -301,18 +256,28 @@ class ShardReader:
                 return False
             key = f"{stored.sha256} {row} {table.num_rows}", None
             if key not in self._checked:
-                rows = cases.slice(row, table.num_rows)
-                known = {name: values_of(rows.column(name)) for name in rows.column_names if name != "history"}
-                fault = tracks_fault(table, self._facts(shard, known))
-                if fault is not None:
-                    raise self._wrong(stored, fault)
+                self._check_values(stored, table, self._tracks)
                 self._checked.add(key)
             return True
 
         return Tracks(file, checks, found)
 
-    def _facts(self, shard: Shard, cases: Mapping[str, Any] | None = None) -> ShardFacts:
-        return ShardFacts(self._seed, self._odd, shard.first_test, shard.last_test, cases)
+    def _checks(self, file: pq.ParquetFile, shard: Shard, stored: StoredFile, fields: Sequence[Field]) -> TableChecks:
+        """Give the checksums that a file carries, if it has the columns and rows that it must have."""
+        checks, there = TableChecks.of(file.schema_arrow), set(file.schema_arrow.names)
+        wanted = {one.name for one in fields}
+        if checks is None or there != wanted:
+            lacks, more = (f'the column "{min(names)}"' if names else "" for names in (wanted - there, there - wanted))
+            what = f"it lacks {lacks}" if lacks else f"it has {more} besides" if more else "it carries no checksums"
+            raise FileFormatError(f"{self._folder / stored.name} is of another version: {what}; {MIGRATE}.")
+        if file.metadata.num_rows != shard.cases:
+            raise self._wrong(stored, f"it holds {file.metadata.num_rows} cases, the manifest says {shard.cases}")
+        return checks
+
+    def _check_values(self, stored: StoredFile, table: pa.Table, fields: Sequence[Field]) -> None:
+        fault = table_fault(table, fields)
+        if fault is not None:
+            raise self._wrong(stored, fault)
 
     def _wrong(self, file: StoredFile, fault: str) -> FileFormatError:
         return FileFormatError(f"{self._folder / file.name}: {fault}; restore it from a copy, or generate it again.")
@@ -346,35 +311,6 @@ def _where(content: pa.Buffer) -> str | None:
         return None if checks is None else checks.fault(file.read())
     except (pa.ArrowException, OSError, ValueError):  # each column can be read, but they do not fit together
         return "has been changed: its columns are not of one length"
-
-
-def _with_partner(table: pa.Table) -> pa.Table:
-    """Add the columns `PARTNER` to the cases of an early library: cars of the ODD's size."""
-    for field in PARTNER:
-        if field.name not in table.column_names:
-            kind = arrow_field(field).type
-            values = pa.array([0] * table.num_rows, kind) if field is PARTNER[0] else pa.nulls(table.num_rows, kind)
-            table = table.append_column(arrow_field(field), values)
-    return table
-
-
-def _with_shortfall(table: pa.Table) -> pa.Table:
-    """Add the columns `SHORTFALL` to the cases of an early library; null where it lacks them.
-
-    Its `shortfall_nats`, if any, is that of the possible actions, even where another was impossible.
-    """
-    if all(field.name in table.column_names for field in SHORTFALL):
-        return table
-    whole, possible, count = SHORTFALL
-    unknown = pa.nulls(table.num_rows, pa.float64())
-    known = table.column(whole.name).combine_chunks() if whole.name in table.column_names else unknown
-    n = table.column(count.name) if count.name in table.column_names else pa.nulls(table.num_rows, pa.int64())
-    truth = pc.if_else(pc.greater(n, 0), pa.scalar(math.inf), known)
-    for field, values in ((whole, truth), (possible, known), (count, n)):
-        if field.name in table.column_names:
-            table = table.drop_columns([field.name])
-        table = table.append_column(arrow_field(field), values)
-    return table
 
 
 def _arrow_bytes(path: Path) -> pa.Buffer:

@@ -441,7 +441,7 @@ class CaseLibrary:
     def _both(self, shard: Shard) -> tuple[pa.Table, pa.Table] | None:
         """Read a shard's cases and trajectories; None if one of the two is damaged."""
         cases = self._reader.cases(shard, None)
-        tracks = None if cases is None else self._reader.tracks(shard, cases)
+        tracks = None if cases is None else self._reader.tracks(shard)
         motion = None if tracks is None else tracks.all()
         return None if cases is None or motion is None else (cases, motion)
 
@@ -466,7 +466,7 @@ class CaseLibrary:
         table = self.scalars(["bv_length_m", "bv_width_m", *of_av])
         found = []
         for name, of_car in (("length_m", self.odd.vehicle_length), ("width_m", self.odd.vehicle_width)):
-            partner = table.column(f"bv_{name}").fill_null(of_car).to_numpy()
+            partner = table.column(f"bv_{name}").to_numpy()
             av = table.column(f"av_{name}").to_numpy() if f"av_{name}" in of_av else np.full(partner.size, of_car)
             found.append(np.stack([av, partner], axis=1))
         return found[0], found[1]
@@ -494,7 +494,7 @@ class CaseLibrary:
         ids = [] if table is None else table.column("case_id").to_pylist()
         if table is not None and case_id not in ids:
             raise self._unknown(case_id, int(case_id.partition(":")[2]), table.column("test").to_pylist())
-        tracks = None if table is None else self._reader.tracks(shard, table)
+        tracks = None if table is None else self._reader.tracks(shard)
         motion = None if tracks is None else tracks.case(ids.index(case_id))
         if table is None or motion is None:
             raise FileFormatError(
@@ -555,7 +555,7 @@ class CaseLibrary:
                     wanted = names[1]
                     if cases is None:
                         self._reader.read(shard.tracks_file)
-                    elif (tracks := self._reader.tracks(shard, cases)) is not None:
+                    elif (tracks := self._reader.tracks(shard)) is not None:
                         tracks.all()
                 except FileFormatError as error:
                     wrong[wanted] = str(error).removeprefix(f"{self._path / wanted}: ")

@@ -12,10 +12,12 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from cornerforge._arrow import arrow_type
+from cornerforge._checksums import MIGRATE
 from cornerforge.drivers.rails import POSE_NUMBERS
+from cornerforge.errors import FileFormatError
 from cornerforge.fields import BODY, CASES, REALS, SERIES, TRACKS, Field
 from cornerforge.library.schema import RAILS_TRACKS, SCRIPTED_TRACKS, arrow_schema
-from cornerforge.sim import START_FIELDS, TRAITS, Script, average_traits, scripted_start
+from cornerforge.sim import START_FIELDS, Script, scripted_start
 from cornerforge.types import Crash, Odd, Scenario
 
 if TYPE_CHECKING:
@@ -172,7 +174,7 @@ def restore(case: Mapping[str, Any], tracks: pa.Table, row: int, odd: Odd) -> Sc
         odd=odd,
         slot=slot,
         **{one.name: series(one.column) for one in SERIES},
-        **{body.name: values(body.column.name) for body in BODY if body.column.name in tracks.column_names},
+        **{body.name: values(body.column.name) for body in BODY},
         action=np.ascontiguousarray(values("action").reshape(shape).T),
         critical_bv=values("critical_bv"),
         log_prob_nde=values("decision_log_prob_nde"),
@@ -188,17 +190,14 @@ def script_of(scenario: Scenario, tracks: pa.Table, row: int) -> Script | None:
         tracks, row: As for `restore`.
 
     Raises:
+        FileFormatError: An earlier version wrote the start, of fewer numbers.
         InputError: What is stored is no script.
     """
     if "start" not in tracks.column_names:
         return None
     fields = tracks.column("start")[row].values.to_numpy(zero_copy_only=False).reshape(scenario.slot.size, -1)
-    # Starts stored by earlier versions end before the fields that came later: what is known of the vehicles fills them.
-    average = average_traits(fields[:, START_FIELDS.index("speed")], scenario.odd.lane_change_duration)
-    later = dict(zip(TRAITS, average.T, strict=True)) | {body.name: getattr(scenario, body.name) for body in BODY}
-    missing = START_FIELDS[fields.shape[1] :]
-    if missing and set(missing) <= set(later):
-        fields = np.hstack([fields, np.stack([later[name] for name in missing], axis=1)])
+    if fields.shape[1] < len(START_FIELDS):
+        raise FileFormatError(f"Case {scenario.seed}:{scenario.test} has a start of an earlier version; {MIGRATE}.")
     poses = None
     if "rails" in tracks.column_names:
         flat = tracks.column("rails")[row].values.to_numpy(zero_copy_only=False)

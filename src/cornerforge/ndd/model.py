@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._checksums import read_arrays, write_arrays
+from cornerforge._checksums import MIGRATE, read_arrays, write_arrays
 from cornerforge._strict_json import parse
 from cornerforge.errors import FileFormatError
 from cornerforge.fields import Field
@@ -40,7 +40,8 @@ __all__ = [
 ]
 
 SCHEMA_VERSION = 2
-_READABLE = (1, SCHEMA_VERSION)
+OLD_SCHEMA = 1
+"""Version that `migrate` brings to the present one."""
 _UNSAID = {
     "stream_sd": 0.0,
     "time_gap_shift": 0.0,
@@ -179,6 +180,7 @@ def load_model(path: Path) -> NddModel:
 
     Raises:
         FileFormatError: Missing, damaged, not a model, or written by another schema.
+        NoChecksumError: It carries no checksums.
     """
     if not path.is_file():
         raise FileFormatError(
@@ -190,26 +192,22 @@ def load_model(path: Path) -> NddModel:
         if not isinstance(header, dict):
             raise FileFormatError("its header is no object.")
         version = header.get("schema_version")
-        if version not in _READABLE:
+        if version != SCHEMA_VERSION:
             raise FileFormatError(
-                f"it has schema version {version}; this cornerforge reads {SCHEMA_VERSION}: fit it again, or install "
-                "the version that made it."
+                f"it has schema version {version}; this cornerforge reads {SCHEMA_VERSION}: "
+                + ("install the version that made it." if version != OLD_SCHEMA else f"{MIGRATE}.")
             )
         if not isinstance(header.get("provenance"), dict):
             raise FileFormatError("its provenance is no object.")
-        stored = [name for name in _SHAPES if version > 1 or name != "lc_turn_back"]
-        for name in stored:
+        for name in _SHAPES:
             if arrays[name].dtype != np.float32:
                 raise FileFormatError(f"table {name} is of type {arrays[name].dtype}; it must be float32.")
-        tables: dict[str, Any] = {name: np.ascontiguousarray(arrays[name], dtype=np.float32) for name in stored}
-        if version == 1:  # who would certainly refuse the gap turned back
-            refused = np.minimum(tables["lc_accept_lead"], tables["lc_accept_rear"]) == 0.0
-            tables["lc_turn_back"] = refused.astype(np.float32)
-        numbers: dict[str, Any] = {name: header.get(name, 0.0) if version == 1 else header[name] for name in _NUMBERS}
+        tables: dict[str, Any] = {name: np.ascontiguousarray(arrays[name], dtype=np.float32) for name in _SHAPES}
+        numbers: dict[str, Any] = {name: header[name] for name in _NUMBERS}
         return NddModel(
             **tables,
             **numbers,
-            memory=Memory(**(header.get("memory", {}) if version == 1 else header["memory"])),
+            memory=Memory(**header["memory"]),
             initial=InitialState(**(_UNSAID | header["initial"])),
             provenance=header["provenance"],
         )

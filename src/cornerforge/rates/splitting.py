@@ -63,7 +63,6 @@ _BLOCK_FIELDS = {
 """Type and number of axes of each array of a block."""
 _MOST_WEIGHT = 1e9
 """A tree's weight has the mean of a chance; far from it, but not as far as this, roulette may take it."""
-_OF_CRASHES = ("test", "begun", "actions", "answers")
 
 
 @dataclass(frozen=True)
@@ -460,8 +459,6 @@ def _block_fault(block: Mapping[str, NDArray[Any]]) -> str | None:
             return f"weight holds {array.max():g}; it must be at most {_MOST_WEIGHT:g}"
         if name != "answers" and not (np.isfinite(array).all() and (array >= (-1 if name == "actions" else 0)).all()):
             return f"{name} holds a number below its least, or one that is not finite"
-    if len({block[name].shape[0] for name in _OF_CRASHES}) > 1:
-        return f"{', '.join(_OF_CRASHES)} are not of the same crashes"
     return None
 
 

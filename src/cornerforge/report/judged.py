@@ -1,4 +1,4 @@
-"""Checking what `analyse` says about single cases, and its words and grids for the page."""
+"""Words, grids and judgements of single cases, out of what `analyse` says, for the page."""
 
 from __future__ import annotations
 
@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 
 from cornerforge.analysis.conduct import CONDUCTS
 from cornerforge.results import Analysed
-from cornerforge.results.analysis import FAULTS, PARTS, Avoidability, Coverage, OwnDoing, Prevented
-from cornerforge.results.rates import Interval
-from cornerforge.results.reading import JsonFile
+from cornerforge.results.analysis import FAULTS, Avoidability, Coverage, OwnDoing, Prevented
 
 __all__ = [
     "CONDUCT_WORDS",
@@ -24,8 +22,6 @@ __all__ = [
     "CaseJudgement",
     "WayOut",
     "avoided_kinds",
-    "check_analysis",
-    "check_interval",
     "conducts_in_words",
     "faults_in_words",
     "judgement_of",
@@ -66,58 +62,6 @@ class CaseJudgement:
     conduct: str
     conduct_s: float | None
     way_out: WayOut | None
-
-
-def check_analysis(file: JsonFile, found: Analysed) -> None:
-    """Check that what `analysis.json` says in several places agrees.
-
-    Raises:
-        FileFormatError: It does not, or there is no case.
-    """
-    broken, by_rule = sum(found.fault.values()), sum(found.fault_rules.values())
-    if not broken or broken != by_rule:
-        raise file.fault("fault", f"holds {broken} cases, fault_rules {by_rule}")
-    if set(found.value.weights) != set(PARTS):
-        raise file.fault("value.weights", f"are of {', '.join(found.value.weights)}, here: {', '.join(PARTS)}")
-    for key, numbers in {"explained_variance": found.explained_variance, **found.loadings}.items():
-        if len(numbers) != 2:
-            raise file.fault(key, f"has {len(numbers)} entries instead of 2")
-    _check_avoidability(file, found.avoidability)
-    _check_coverage(file, found.coverage)
-
-
-def check_interval(file: JsonFile, key: str, ends: Interval, of: str, share: float) -> None:
-    """Check an interval of the share named `of`.
-
-    Raises:
-        FileFormatError: It does not hold the share, or leaves [0, 1].
-    """
-    low, high = ends
-    if not 0.0 <= low <= share <= high <= 1.0:
-        raise file.fault(key, f"= [{low}, {high}] does not hold {of} = {share}, or leaves [0, 1]")
-
-
-def _check_avoidability(file: JsonFile, found: Avoidability | None) -> None:
-    if found is None:
-        return
-    looked = sum(found.labels.values()) + found.not_judged
-    if found.cases == 0 or looked != found.cases:
-        raise file.fault("avoidability.labels", f"and not_judged sum to {looked}, cases = {found.cases}")
-    check_interval(file, "avoidability.interval95", found.interval95, "avoidable_share", found.avoidable_share)
-
-
-def _check_coverage(file: JsonFile, found: Coverage) -> None:
-    if len(found.axes) not in (2, 3) or not all(found.axes.values()):
-        raise file.fault("coverage.axes", "are not two or three lists of labels")
-    unknown = sorted(set(found.cells) - set(_kinds(found)))
-    if unknown:
-        raise file.fault("coverage.cells", f"holds {unknown[0]!r}, which is no combination of the axes' labels")
-    if found.cases == 0 or sum(found.cells.values()) != found.cases:
-        raise file.fault("coverage.cells", f"sum to {sum(found.cells.values())}, cases = {found.cases}")
-    if not found.discovery_curve:
-        raise file.fault("coverage.discovery_curve", "is empty")
-    key, ends = "coverage.unseen_kind_interval95", found.unseen_kind_interval95
-    check_interval(file, key, ends, "unseen_kind_chance", found.unseen_kind_chance)
 
 
 def _kinds(found: Coverage) -> list[str]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 from cornerforge.results.rates import Interval
-from cornerforge.results.stating import each, meant, share
+from cornerforge.results.stating import meant, share
 
 __all__ = [
     "FAULTS",
@@ -287,7 +287,7 @@ class Analysed:
     clusters: tuple[Cluster, ...] = field(metadata=meant("Clusters, the majority's first."))
     choices: dict[str, ClusterChoice] = field(metadata=meant("By group, why it has so many clusters."))
     rare: tuple[str, ...] = field(metadata=meant("Up to ten case ids of outliers, farthest first."))
-    crash_types: dict[CrashType, int] = field(metadata=each("Cases by crash type, zeros included."))
+    crash_types: dict[CrashType, int] = field(metadata=meant("Cases by crash type, zeros included."))
     striker: dict[str, int] = field(metadata=meant("Cases by who struck: av, bv or mutual."))
     seconds: dict[str, float] = field(metadata=meant("Wall-clock by stage, and `total`.", "s"))
     note: str | None = field(default=None, metadata=meant("Why there was no split; only then."))
@@ -319,24 +319,3 @@ class Analysed:
             'What comes first: "road", what happens most; "attack", most valued. Missing in files of earlier versions.'
         ),
     )
-
-    def mismatch(self) -> tuple[str, str] | None:
-        """Name the field that cannot be beside the others, and say why; None where all fit."""
-        if set(self.features) != set(self.loadings):
-            return "features", "are not those of loadings"
-        for name, loading in self.loadings.items():
-            if len(loading) != len(self.explained_variance):
-                return (
-                    f"loadings.{name}",
-                    f"has not one number for each of the {len(self.explained_variance)} components",
-                )
-        parts = {
-            "majority + minority": self.majority + self.minority,
-            "clusters": sum(one.size for one in self.clusters),
-            "crash_types": sum(self.crash_types.values()),
-            "striker": sum(self.striker.values()),
-        }
-        for name, there in parts.items():
-            if there != self.cases:
-                return name, f"makes {there} cases, not the {self.cases} of cases"
-        return None

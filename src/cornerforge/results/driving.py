@@ -7,7 +7,7 @@ from typing import Literal
 
 from cornerforge.results.analysis import CrashType
 from cornerforge.results.rates import INTERVAL95, PER_TEST, TESTS, Interval, Rate
-from cornerforge.results.stating import each, meant
+from cornerforge.results.stating import meant
 
 __all__ = [
     "BvMilesEstimate", "Cost", "CrashCircumstances", "Distributions", "Effort", "Filled", "KindRate",
@@ -32,7 +32,7 @@ class Quantity:
     mean: float | None = field(metadata=meant("Mean; null: n is 0.", "`unit`"))
     sd: float | None = field(metadata=meant("Standard deviation; null: n is 0.", "`unit`"))
     quantiles: dict[Percent, float] = field(
-        metadata=each("By percent: 1, 5, 25, 50, 75, 95, 99; empty where n is 0.", "`unit`", or_empty=True)
+        metadata=meant("By percent: 1, 5, 25, 50, 75, 95, 99; empty where n is 0.", "`unit`")
     )
 
 
@@ -256,7 +256,7 @@ class NaturalRate(Rate, _RatedAv):
             '"interrupted".'
         )
     )
-    crash_types: dict[CrashType, int] = field(metadata=each("Crashes of the AV by type, zeros included."))
+    crash_types: dict[CrashType, int] = field(metadata=meant("Crashes of the AV by type, zeros included."))
     mechanisms: dict[str, int] = field(metadata=meant("Crashes of the AV by what led to them, zeros included."))
     crash_type_rates: dict[str, KindRate] = field(metadata=meant("How often each type that was seen happens."))
     mechanism_rates: dict[str, KindRate] = field(metadata=meant("How often what led to them happens, where seen."))

@@ -26,8 +26,8 @@ def from_json(kind: type[T], content: Mapping[str, Any], *, stored: bool = False
     Args:
         kind: Its class: one of the dataclasses of this package.
         content: The object.
-        stored: It is out of a file, whose rules hold, too: no number below its least, none that is not finite, and
-            each name of an object that has them all; unknown keys are passed over.
+        stored: It is out of a file, whose rules hold, too: no number below its least, none that is not finite; unknown
+            keys are passed over.
 
     Raises:
         FileFormatError: Keys are missing or unknown, or a value is of another type.
@@ -103,36 +103,13 @@ class _Reading:
             if value is not None or (one.name in values and _may_be_null(hints[one.name])):
                 found[one.name] = self.value(hints[one.name], value, key)
                 self.check_range(one.metadata.get("within"), value, key)
-                self.check_interval(one.name, value, key)
-                if one.metadata.get("each") and (value or not one.metadata["or_empty"]):
-                    self.check_names(hints[one.name], value, key)
             elif one.default is MISSING:
                 raise self.fault(key, "is missing")
-        made = kind(**found)
-        self.check_whole(made, prefix)
-        return made
-
-    def check_whole(self, made: Any, prefix: str) -> None:
-        """Check what a result that has a `mismatch` says of its fields together."""
-        told = made.mismatch() if self.is_file and hasattr(made, "mismatch") else None
-        if told is not None:
-            raise self.fault(prefix + told[0], told[1])
+        return kind(**found)
 
     def check_range(self, within: tuple[float, float] | None, value: Any, key: str) -> None:
         if self.is_file and within is not None and value is not None and not within[0] <= value <= within[1]:
             raise self.fault(key, f"= {value} is outside [{within[0]:g}, {within[1]:g}]")
-
-    def check_interval(self, name: str, value: Any, key: str) -> None:
-        """Check that a 95 % interval, by its name, has its ends in order."""
-        is_one = name.startswith("interval95") and isinstance(value, list | tuple) and len(value) == 2
-        if self.is_file and is_one and not value[0] <= value[1]:
-            raise self.fault(key, f"= {list(value)} is no interval: its low end is above its high end")
-
-    def check_names(self, kind: Any, value: Any, key: str) -> None:
-        """Check that an object has all of its keys, which are a `Literal`."""
-        missing = [name for name in get_args(get_args(kind)[0]) if name not in value]
-        if self.is_file and missing:
-            raise self.fault(f"{key}.{missing[0]}", "is missing")
 
     def value(self, kind: Any, value: Any, key: str) -> Any:
         origin, arguments = get_origin(kind), get_args(kind)

@@ -28,17 +28,6 @@ def share(meaning: str, unit: str = "") -> dict[str, Any]:
     return {**meant(meaning, unit), "within": (0.0, 1.0)}
 
 
-def each(meaning: str, unit: str = "", *, or_empty: bool = False) -> dict[str, Any]:
-    """Make the metadata of an object whose keys are a `Literal`: `meant`; a reader of files refuses it without one.
-
-    Args:
-        meaning: As of `meant`.
-        unit: As of `meant`.
-        or_empty: It may have none of its keys, too.
-    """
-    return {**meant(meaning, unit), "each": True, "or_empty": or_empty}
-
-
 def as_json(result: Any) -> dict[str, Any]:
     """Make what `--json` prints: a result's fields in their order, results within it as objects, tuples as lists.
 

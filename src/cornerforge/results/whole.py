@@ -9,7 +9,7 @@ from cornerforge.results.analysis import Analysed
 from cornerforge.results.driving import Filled, NaturalRate, Simulated
 from cornerforge.results.learning import BOUNDED, BUDGET, Baseline, LearnedPolicy
 from cornerforge.results.rates import Yield
-from cornerforge.results.stating import each, meant
+from cornerforge.results.stating import meant
 
 __all__ = [
     "DamagedFile",
@@ -181,15 +181,15 @@ class Exposure:
 
     miles: ExposureMiles = field(metadata=meant("Distances driven."))
     quantities: dict[ExposedTo, Exposed] = field(
-        metadata=each("By name, bumper-to-bumper distances and times to collision.")
+        metadata=meant("By name, bumper-to-bumper distances and times to collision.")
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Migrated:
-    """A library of an earlier version, written anew."""
+    """A library, a run or a file of an earlier version, written anew."""
 
-    library: str = field(metadata=meant("The new library."))
+    library: str = field(metadata=meant("The new folder or file."))
     cases: int = field(metadata=meant("Its cases."))
     made_by: str = field(metadata=meant("Version of cornerforge that drove the cases."))
 

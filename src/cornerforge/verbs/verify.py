@@ -9,7 +9,7 @@ from pathlib import Path
 from safetensors import SafetensorError, safe_open
 
 from cornerforge._arguments import checked
-from cornerforge._checksums import NoChecksumWarning, read_arrays, read_json, read_tensors
+from cornerforge._checksums import NoChecksumError, read_arrays, read_json, read_tensors
 from cornerforge._files import check_regular
 from cornerforge._locks import is_lock
 from cornerforge._table_checks import read_parquet
@@ -87,27 +87,27 @@ def _checked(place: Path) -> Iterator[tuple[Path, str | None, bool]]:
     reader = _READERS.get(place.suffix)
     if reader is None or place.name.startswith("."):
         return
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always", NoChecksumWarning)
-        try:
-            is_ours = reader(place) is not _NOT_OURS
-        except CornerForgeError as error:
-            yield place, str(error).removeprefix(f"{place}: "), True
-            return
-    if not is_ours:
-        return
-    yield place, None, not any(issubclass(one.category, NoChecksumWarning) for one in told)
+    try:
+        if reader(place) is not _NOT_OURS:
+            yield place, None, True
+    except NoChecksumError:
+        yield place, None, False
+    except CornerForgeError as error:
+        yield place, str(error).removeprefix(f"{place}: "), True
 
 
 def _checked_library(folder: Path) -> Iterator[tuple[Path, str | None, bool]]:
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # each file of it is said below
         try:
             library = CaseLibrary.open(folder)
+        except NoChecksumError:
+            yield folder / MANIFEST, None, False
+            return
         except CornerForgeError as error:
             yield folder / MANIFEST, str(error), True
             return
-    yield folder / MANIFEST, None, not any(issubclass(one.category, NoChecksumWarning) for one in told)
+    yield folder / MANIFEST, None, True
     for name, fault in library.faults():
         yield folder / name, fault, True
 

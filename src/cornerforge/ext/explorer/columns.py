@@ -249,7 +249,7 @@ def _cells(source: Source, table: pa.Table) -> dict[str, pa.Array]:
     pose = flat.reshape(-1, *HISTORY_SHAPE)[:, 0].astype(np.float64)
 
     def size(name: str, of_car: float) -> NDArray[np.float64]:
-        partner = table[name].fill_null(of_car).to_numpy()
+        partner = table[name].to_numpy()
         return np.stack([np.full(partner.size, of_car), partner], axis=1)
 
     length, width = size("bv_length_m", odd.vehicle_length), size("bv_width_m", odd.vehicle_width)
