@@ -205,7 +205,7 @@ A package's own wheel may hold code of others again, under licences that it says
 ## Code of others in the wheel
 
 The explorer's page, built by `make web`, holds code of these packages. Their licences and notices lie beside it in the
-wheel, `cornerforge/explorer/static/LICENSES.txt`; the explorer shows them at `/assets/LICENSES.txt`.
+wheel, `cornerforge/ext/explorer/static/LICENSES.txt`; the explorer shows them at `/assets/LICENSES.txt`.
 
 | package | version | licence |
 | --- | --- | --- |

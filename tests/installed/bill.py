@@ -60,7 +60,7 @@ def faults(files: dict[str, bytes]) -> list[str]:
     bill = json.loads(text)
     differing = said_by_metadata(named["METADATA"]) ^ said_by_bill(bill)
     found = [f"bill and metadata differ: {name} {extra} {versions}" for name, extra, versions in differing]
-    licences = files.get("cornerforge/explorer/static/LICENSES.txt", b"").decode()
+    licences = files.get("cornerforge/ext/explorer/static/LICENSES.txt", b"").decode()
     for one in bill["components"]:
         if one["purl"].startswith("pkg:npm/") and f"{one['name']} {one['version']}\n" not in licences:
             found.append(f"the wheel lacks the licence of {one['name']} {one['version']}")
