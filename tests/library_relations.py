@@ -19,7 +19,8 @@ from cornerforge.drivers.rails import POSE_NUMBERS
 from cornerforge.fields import BODY, HISTORY_SHAPE, SERIES
 from cornerforge.library import CaseLibrary
 from cornerforge.results.analysis import CrashType
-from cornerforge.sim import LIMITS, START_FIELDS, n_slots
+from cornerforge.sim import START_FIELDS, n_slots
+from cornerforge.sim.harvest import LIMITS
 from cornerforge.types import FRAME_S, Odd
 
 __all__ = ["ANALYSIS", "RELATIONS", "Relation", "Row", "analysed_rows", "broken", "rows_of"]

@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from cornerforge.sim.av_view import AV_VIEW_VERSION, VIEW_COLUMNS, VIEW_ROWS
     from cornerforge.sim.chances import action_probabilities, allocate_starter_scratch, lane_wishes, return_chance
     from cornerforge.sim.drive import drive_test
-    from cornerforge.sim.harvest import LIMITS, Buffers, Harvest, allocate_harvest, harvest_range, is_full, keep_driven
+    from cornerforge.sim.harvest import Buffers, Harvest, allocate_harvest, harvest_range, is_full, keep_driven
     from cornerforge.sim.keep import (
         Keep,
         Outcomes,
@@ -152,7 +152,7 @@ if TYPE_CHECKING:
 __all__ = [
     "ADVERSARIES", "AV_CRASH", "AV_FAULT", "AV_FEATURES_VERSION", "AV_MUST_ANSWER", "AV_VIEW_VERSION", "BUILT_IN",
     "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDED", "DECIDES_EVERY", "HIGHEST_COMMAND", "IDM_BVS",
-    "LEARNED_WIDTH", "LIMITS", "LOWEST_COMMAND", "MAX_BRANCH", "MILESTONE", "NATURAL", "NATURALISTIC", "NEVER",
+    "LEARNED_WIDTH", "LOWEST_COMMAND", "MAX_BRANCH", "MILESTONE", "NATURAL", "NATURALISTIC", "NEVER",
     "NOBODY", "NO_CAST", "N_AV_FEATURES", "N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "OUTSIDE", "OVER",
     "POLICY", "RAILS", "RECORDED", "RUNNING", "SCRIPTED", "SIGHT", "START_FIELDS", "STEERED", "SUBSTEPS", "TIME_UP",
     "TOLD", "TRAITS", "VIEW_COLUMNS", "VIEW_ROWS", "Buffers", "Controllers", "DriveChunk", "Ending", "Harvest",
@@ -216,7 +216,7 @@ _PLACES: dict[str, tuple[str, ...]] = {
     ),
     "rails": ("Rails", "rails_of"),
     "recorder": ("Recorder", "case_of", "scenario_digest"),
-    "harvest": ("keep_driven", "LIMITS", "Harvest", "Buffers", "allocate_harvest", "harvest_range", "is_full"),
+    "harvest": ("keep_driven", "Harvest", "Buffers", "allocate_harvest", "harvest_range", "is_full"),
     # views
     "observe": ("N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "budget_units"),
     "av_view": ("AV_VIEW_VERSION", "VIEW_ROWS", "VIEW_COLUMNS"),
