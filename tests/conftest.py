@@ -22,6 +22,7 @@ import pytest
 if TYPE_CHECKING:
     from cornerforge.ndd.model import NddModel
 
+pytest_plugins = ["made_once"]
 GOLDEN = Path(__file__).parent / "golden"
 FIXED_SEED = 20_210_206
 

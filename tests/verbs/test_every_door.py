@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 import cornerforge
+from cornerforge.errors import FileFormatError
 from cornerforge.fields import CASES, SHORTFALL
 from cornerforge.library import CaseLibrary
 from cornerforge.library.shards import encode_tables
@@ -76,38 +75,15 @@ def test_a_shrunk_case(swerve_library: Path, tmp_path: Path) -> None:
     assert_says_it(cases_of(tmp_path / "small"))
 
 
-def early(library: Path, to: Path, *, bulk: bool) -> Path:
-    """The library as an early version wrote it: the finite part only where it was filled in bulk, else nothing."""
-    source = CaseLibrary.open(library)
-    made = CaseLibrary.create(to, source.identity, source.odd)
+def test_a_library_of_an_early_version_is_refused_with_what_to_do(swerve_library: Path, tmp_path: Path) -> None:
+    """No other number silently takes the place of what it lacks."""
+    source = CaseLibrary.open(swerve_library)
+    made = CaseLibrary.create(tmp_path / "old", source.identity, source.odd)
     ((cases, tracks),) = source.shards()
-    possible, n = cases.column("possible_shortfall_nats"), cases.column("n_implausible")
-    cases = cases.drop_columns([field.name for field in SHORTFALL])
-    extra = {}
-    if bulk:
-        cases = cases.append_column("shortfall_nats", possible).append_column("n_implausible", n)
-        extra = {"shortfall_nats": "float", "n_implausible": "int"}
-    shard = encode_tables(cases, tracks, extra)
+    shard = encode_tables(cases.drop_columns([field.name for field in SHORTFALL]), tracks, {})
     made.append_shard(shard, next_test=source.next_test, tests=source.tests, crashes=source.crashes)
-    return to
-
-
-def test_an_early_library_filled_in_bulk_tells_the_truth_too(swerve_library: Path, tmp_path: Path) -> None:
-    """It said 0.0 for a case all of whose acts are impossible."""
-    old = early(swerve_library, tmp_path / "old", bulk=True)
-    assert "possible_shortfall_nats" not in pq.read_schema(old / "cases-000000.parquet").names
-    assert repr(cases_of(old).to_pylist()) == repr(cases_of(swerve_library).to_pylist())
-    found = cornerforge.query(old, "select count(*) from cases where shortfall_nats <= 20 and n_implausible > 0")
-    assert found.rows == ((0,),)
-    assert CaseLibrary.open(old).scalars(["shortfall_nats"]).column(0).to_pylist().count(math.inf) > 0
-
-
-def test_an_early_library_without_it_is_told(swerve_library: Path, tmp_path: Path) -> None:
-    """No other number silently takes its place."""
-    old = early(swerve_library, tmp_path / "old", bulk=False)
-    with pytest.warns(UserWarning, match=r"60 of 60 cases of .*old do not say how natural their acts were"):
-        cornerforge.analyse(old, out=tmp_path / "analysis", avoidability="none")
-    cases = pq.read_table(tmp_path / "analysis" / "cases.parquet")
-    assert [cases.column(field.name).null_count for field in SHORTFALL] == [60, 60, 60]
-    cornerforge.analyse(swerve_library, out=tmp_path / "new", avoidability="none")  # and no warning, which would fail
-    assert_says_it(pq.read_table(tmp_path / "new" / "cases.parquet"))
+    with pytest.raises(
+        FileFormatError, match=r"of another version: it lacks .* cornerforge migrate OLD --out NEW"
+    ) as told:
+        cornerforge.analyse(tmp_path / "old", out=tmp_path / "analysis", avoidability="none")
+    assert "FileFormatError" not in str(told.value)

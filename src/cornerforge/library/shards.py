@@ -287,6 +287,8 @@ class ShardReader:
         """Name the file that Arrow cannot read, although its bytes are those that were written."""
         try:
             yield
+        except FileFormatError:
+            raise  # it names the file, and what to do
         except (pa.ArrowException, OSError, ValueError, KeyError) as error:
             raise self._wrong(file, f"it is no table of cases ({type(error).__name__}: {error})") from error
 

@@ -1,4 +1,4 @@
-"""One library and one policy for all tests of this folder."""
+"""A library, a policy and a model that tests of several folders share, made once by each worker."""
 
 from __future__ import annotations
 
