@@ -2,46 +2,57 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
 
 import cornerforge
-from cornerforge import read_case_file, world_options
-from cornerforge._arguments import checked
+import cornerforge.ext
+from cornerforge import read_case_file
+from cornerforge._options import Option, Options, options_of
+from cornerforge._options import verb as as_verb
 from cornerforge.errors import InputError
-
-if TYPE_CHECKING:
-    from cornerforge.ndd.model import NddModel
-
-
-class Own(TypedDict, total=False):
-    lanes: int
+from cornerforge.verbs.drive_case import DriveCase
+from cornerforge.verbs.options import COMMANDS
 
 
-@checked
-def verb(  # what it returns is what it was given, so that nothing is changed on the way
-    place: Path | str,
-    tests: int = 1,
-    *,
-    share: float = 0.0,
-    flag: bool = False,
-    names: Sequence[str] | str = (),
-    model: Path | NddModel | None = None,
-    told: Callable[[int], None] | None = None,
-    free=None,
-    **own: Unpack[Own],
-) -> dict[str, Any]:
-    given = {"place": place, "tests": tests, "share": share, "flag": flag, "names": names}
-    return {**given, "model": model, "told": told, "free": free, **own}
-
-
-class NddModel:  # type: ignore[no-redef]  # the name is enough: the module that has the class need not be loaded
+class NddModel:  # the name is enough: the module that has the class need not be loaded
     pass
+
+
+ANY = Option("Anything of its type.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Do nothing."""
+
+    place: Annotated[Path | str, ANY] = field(kw_only=False)
+    tests: Annotated[int, ANY] = field(kw_only=False, default=1)
+    share: Annotated[float, Option("A part.", low=0.0, high=2.0, unit="m")] = 0.0
+    flag: Annotated[bool, ANY] = False
+    names: Annotated[Sequence[str] | str, ANY] = ()
+    files: Annotated[Sequence[Path | str], ANY] = ()
+    model: Annotated[Path | NddModel | None, ANY] = None
+    told: Annotated[Callable[[int], None] | None, ANY] = None
+    lanes: Annotated[int | None, Option("So many.", low=2, high=6)] = None
+    way: Annotated[str, Option("How.", choices=("up", "down"))] = "up"
+
+
+@as_verb(Asked)
+def verb(options: Asked) -> Asked:
+    """Do nothing.
+
+    Returns:
+        What was given.
+    """
+    return options
 
 
 @pytest.mark.parametrize(
@@ -59,13 +70,14 @@ class NddModel:  # type: ignore[no-redef]  # the name is enough: the module that
         {"model": object.__new__(NddModel)},
         {"model": None},
         {"told": print},
-        {"free": object()},
+        {"files": [Path("a"), "b"]},
+        {"way": "down"},
         {"lanes": 3},
     ],
 )
 def test_what_annotations_allow_is_handed_on(given: dict[str, Any]) -> None:
     found = verb(**{"place": "a", **given})
-    assert all(found[name] is value for name, value in given.items())
+    assert all(getattr(found, name) is value for name, value in given.items())
 
 
 @pytest.mark.parametrize(
@@ -88,6 +100,11 @@ def test_what_annotations_allow_is_handed_on(given: dict[str, Any]) -> None:
         ({"names": iter(["a"])}, r"names = <.*> is not allowed"),
         ({"model": np.zeros((2, 2))}, r"model = array.* is not allowed; give a path, NddModel or None\."),
         ({"told": 3}, r"told = 3 is not allowed; give a function or None\."),
+        ({"files": ["a", ""]}, r'files = "" names no file or folder'),
+        ({"share": 2.5}, r"share = 2\.5 m is out of range; allowed: 0\.0 to 2\.0 m\."),
+        ({"share": float("nan")}, r"share = nan m is out of range"),
+        ({"lanes": 7}, r"lanes = 7 is out of range; allowed: from 2 to 6\."),
+        ({"way": "dwn"}, r'No way "dwn"'),
     ],
 )
 def test_anything_else_is_named_in_one_line(given: dict[str, Any], message: str) -> None:
@@ -99,45 +116,56 @@ def test_anything_else_is_named_in_one_line(given: dict[str, Any], message: str)
 @pytest.mark.parametrize(
     ("args", "given", "message"),
     [
-        ((), {}, "missing 1 required positional argument: 'place'"),
-        (("a", 1, 2), {}, "takes from 1 to 2 positional arguments but 3 were given"),
+        ((), {}, r"^verb\(\) missing a required argument: 'place'$"),
+        (("a", 1, 2), {}, r"^verb\(\) too many positional arguments$"),
         (("a",), {"lane": 3}, r"^verb\(\) got an unexpected keyword argument 'lane'$"),
     ],
 )
-def test_other_arguments_are_refused_in_the_words_of_python(args: Any, given: Any, message: str) -> None:
+def test_other_arguments_are_refused_as_everywhere_in_python(args: Any, given: Any, message: str) -> None:
     with pytest.raises(TypeError, match=message):
         verb(*args, **given)
 
 
+def test_the_docstring_tells_each_argument_with_its_range() -> None:
+    said = inspect.getdoc(verb)
+    assert said is not None
+    assert said.startswith("Do nothing.\n\nArgs:\n    place: Anything of its type.\n")
+    assert "    lanes: So many. From 2 to 6.\n" in said
+    assert "    share: A part [m]. From 0 to 2.\n" in said
+    assert said.endswith("Returns:\n    What was given.")
+
+
 # --- the public functions ---
 
+OTHER = ("engine", "read_case_file", "write_case_file")
 VERBS = [name for name in cornerforge.__all__ if callable(getattr(cornerforge, name)) and name != "avs"]
+CLASSES = {told.verb.partition(":")[2]: told.options for told in COMMANDS} | {"drive_case": DriveCase}
+for room in cornerforge.ext.ROOMS:
+    told_of_room = importlib.import_module(f"cornerforge.ext.{room}.options").COMMANDS
+    CLASSES |= {told.verb.partition(":")[2]: told.options for told in told_of_room}
 
 
 def arguments(name: str) -> dict[str, str]:
     """Arguments of a verb and how they are annotated."""
-    found: dict[str, str] = {}
-    for one in inspect.signature(getattr(cornerforge, name)).parameters.values():
-        if one.kind is one.VAR_KEYWORD:
-            keywords = getattr(world_options, one.annotation[len("Unpack[") : -1])
-            found |= {key: told.__forward_arg__ for key, told in keywords.__annotations__.items()}
-        else:
-            found[one.name] = one.annotation
-    return found
+    if name in OTHER:
+        return {
+            one.name: str(one.annotation) for one in inspect.signature(getattr(cornerforge, name)).parameters.values()
+        }
+    return {one.name: str(one.type) for one, _, _ in options_of(CLASSES[name])}
 
 
 def right(annotation: str) -> Any:
     """Something of the right type, though there is no such file or case."""
-    if annotation == "CaseFile":
+    if "CaseFile" in annotation and "Path" not in annotation:
         return read_case_file(Path(__file__).parents[1] / "examples" / "cases" / "hard-braking.json")
-    return {"int": 1, "Sequence[Path | str]": ["x"]}.get(annotation, "x")
+    return ["x"] if "Annotated[Sequence" in annotation else "x"
 
 
 def without_default(name: str) -> dict[str, Any]:
     """A value of the right type for each argument that a verb must have."""
     parameters = inspect.signature(getattr(cornerforge, name)).parameters.values()
     must = (one for one in parameters if one.default is one.empty and one.kind is not one.VAR_KEYWORD)
-    return {one.name: right(one.annotation) for one in must}
+    return {one.name: right(str(one.annotation)) for one in must}
 
 
 WRONG: tuple[Any, ...] = (object(), 1j, {}, b"x", lambda: None)
@@ -150,7 +178,7 @@ def test_each_argument_of_each_verb_is_looked_at(name: str, tmp_path: Path, monk
     monkeypatch.chdir(tmp_path)
     for argument, annotation in arguments(name).items():
         for value in WRONG:
-            if callable(value) and (annotation == "Progress" or "Callable" in annotation):
+            if callable(value) and ("Progress" in annotation or "Callable" in annotation):
                 continue
             with pytest.raises(InputError, match=f"^{argument} = .* is not allowed; give ") as caught:
                 getattr(cornerforge, name)(**without_default(name) | {argument: value})

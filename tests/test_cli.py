@@ -23,9 +23,10 @@ from stage_lines import LINE, without_stages
 
 import cornerforge._kernel_cache
 from cornerforge._jit import kernel
+from cornerforge._words import speed_text
 from cornerforge.adversary.config import PRESETS
 from cornerforge.cli import app, main
-from cornerforge.cli.output import Bars, compiling_text, run_command, speed_text
+from cornerforge.cli.output import Bars, compiling_text, run_command
 from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.policy import n_weights
 from cornerforge.errors import InputError
@@ -570,7 +571,7 @@ def test_compiling_is_said_without_a_terminal_too(
     class Sum:
         sum: float
 
-    def work(_: object) -> Sum:
+    def work(_: object, __: object) -> Sum:
         return Sum(two(np.ones(2, kinds.pop())))
 
     kinds = [np.int64, np.int32, np.int16, np.int8]
@@ -870,7 +871,7 @@ def test_a_file_that_ends_early_is_no_interrupt(capsys: Capture, monkeypatch: py
     def cut_off(*_: object, **__: object) -> dict[str, Any]:
         raise EOFError("Ran out of input")
 
-    monkeypatch.setattr("cornerforge.avs", cut_off)
+    monkeypatch.setattr("cornerforge.verbs.avs.avs", cut_off)
     with pytest.raises(EOFError, match="Ran out"):
         call(capsys, "avs")
 

@@ -12,6 +12,10 @@ from typing import Any
 from griffe import Extension
 
 EXAMPLE = re.compile(r"^( *)>>> .*?(?=\n\s*\n|\Z)", flags=re.MULTILINE | re.DOTALL)
+OPTIONS = (
+    "It is called with keywords: the options of the [command of this name](commands.md), with `_` for `-`. The class "
+    "of its one parameter here says what each is; arguments of the command come first and need no keyword."
+)
 
 
 def with_fences(text: str) -> str:
@@ -24,3 +28,5 @@ class Examples(Extension):
     def on_object(self, *, obj: Any, **_: Any) -> None:
         if obj.docstring is not None:
             obj.docstring.value = with_fences(obj.docstring.value)
+            if any(str(one.value).startswith("verb(") for one in getattr(obj, "decorators", ())):
+                obj.docstring.value = f"{obj.docstring.value}\n\n{OPTIONS}"

@@ -1,50 +1,23 @@
-"""Arguments of public functions have the types that their annotations say, or the call ends in one plain sentence.
+"""Types of arguments: a public function that is given another one says so in one plain sentence.
 
-Which numbers and names are allowed is for each function to check (`_checks`); here it is only text for text, a path for
-a path, True for a flag. Annotations are read as they are written, so that nothing is imported to check a call.
+Which numbers and names are allowed is for `_checks`; here it is only text for text, a path for a path, True for a flag.
 """
 
 from __future__ import annotations
 
-import ast
-import functools
-import inspect
+import numbers
 import os
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, ParamSpec, TypeGuard, TypeVar
-
-import numpy as np
+import types
+import typing
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any, TypeGuard, get_args, get_origin
 
 from cornerforge._checks import check_path
 from cornerforge._words import shown
 from cornerforge.errors import InputError
 
-__all__ = ["checked", "is_several", "keywords_of"]
-
-P = ParamSpec("P")
-R = TypeVar("R")
-
-
-class _Kind(NamedTuple):
-    """A kind of value: how it is called, and which values are of it."""
-
-    words: str
-    takes: Callable[[Any], bool]
-
-
-def _is_number(value: Any, *kinds: type) -> bool:
-    return isinstance(value, kinds) and not isinstance(value, bool)
-
-
-_PLAIN = {
-    "int": _Kind("a whole number", lambda v: _is_number(v, int, np.integer)),
-    "float": _Kind("a number", lambda v: _is_number(v, int, float, np.integer, np.floating)),
-    "bool": _Kind("True or False", lambda v: isinstance(v, (bool, np.bool_))),
-    "str": _Kind("text", lambda v: isinstance(v, str)),
-    "Path": _Kind("a path", lambda v: isinstance(v, os.PathLike)),
-    "Progress": _Kind("a function", callable),
-    "Callable": _Kind("a function", callable),
-}
+__all__ = ["allowed_types", "check_value", "is_several"]
 
 
 def is_several(value: object) -> TypeGuard[Sequence[Any]]:
@@ -53,89 +26,71 @@ def is_several(value: object) -> TypeGuard[Sequence[Any]]:
     >>> is_several([1]), is_several("1"), is_several(1)
     (True, False, False)
     """
-    if isinstance(value, np.ndarray):
-        return value.ndim > 0
-    return isinstance(value, Sequence) and not isinstance(value, (str, bytes, bytearray))
+    if isinstance(value, Sequence):
+        return not isinstance(value, (str, bytes, bytearray))
+    return getattr(value, "ndim", 0) > 0
 
 
-@functools.cache
-def _kinds(annotation: str) -> tuple[_Kind, ...]:
-    """Read an annotation: the kinds of value that it allows."""
-    return tuple(_of(ast.parse(annotation, mode="eval").body))
+def allowed_types(hint: Any) -> tuple[Any, ...]:
+    """Give the types that an annotation allows, in its order.
+
+    >>> allowed_types(int | None)
+    (<class 'int'>, <class 'NoneType'>)
+    """
+    if get_origin(hint) is Annotated:
+        return allowed_types(get_args(hint)[0])
+    return get_args(hint) if get_origin(hint) in (types.UnionType, typing.Union) else (hint,)
 
 
-def _of(node: ast.expr) -> list[_Kind]:
-    if isinstance(node, ast.BinOp):
-        return _of(node.left) + _of(node.right)
-    if isinstance(node, ast.Constant):
-        return [_Kind("None", lambda v: v is None)]
-    if isinstance(node, ast.Subscript) and ast.unparse(node.value) == "Sequence":
-        each = _of(node.slice)
-
-        def takes(value: Any) -> bool:
-            return is_several(value) and all(any(kind.takes(one) for kind in each) for one in value)
-
-        return [_Kind(f"a list (each entry {_listed([kind.words for kind in each])})", takes)]
-    name = ast.unparse(node.value if isinstance(node, ast.Subscript) else node)
-    return [_PLAIN.get(name) or _Kind(name, lambda v: _has_class(v, name))]
+_WORDS = {
+    int: "a whole number", float: "a number", bool: "True or False", str: "text", Path: "a path", type(None): "None",
+}  # fmt: skip
 
 
-def _has_class(value: Any, name: str) -> bool:
-    return any(one.__name__ == name for one in type(value).__mro__)
+def _in_words(kind: Any) -> str:
+    if get_origin(kind) is Sequence:
+        return f"a list (each entry {_listed(allowed_types(get_args(kind)[0]))})"
+    return _WORDS.get(kind) or ("a function" if _is_function(kind) else kind.__name__)
 
 
-def _listed(words: Sequence[str]) -> str:
-    words = list(dict.fromkeys(words))
+def _listed(kinds: Sequence[Any]) -> str:
+    words = list(dict.fromkeys(map(_in_words, kinds)))
     return " or ".join(words) if len(words) < 3 else f"{', '.join(words[:-1])} or {words[-1]}"
 
 
-def _check(name: str, value: Any, annotation: str) -> None:
-    kinds = _kinds(annotation)
-    if not any(kind.takes(value) for kind in kinds):
-        raise InputError(f"{name} = {shown(value)} is not allowed; give {_listed([kind.words for kind in kinds])}.")
-    if "Path" in annotation:
-        for one in value if is_several(value) else [value]:
-            if isinstance(one, (str, os.PathLike)):
-                check_path(one)
-                if one == "":
-                    raise InputError(f'{name} = "" names no file or folder.')
+def _is_function(kind: Any) -> bool:
+    return get_origin(kind) is Callable or getattr(kind, "_is_protocol", False)
 
 
-def checked(function: Callable[P, R]) -> Callable[P, R]:
-    """Let a function check the types of its arguments at each call.
+def _is_of(kind: Any, value: Any) -> bool:
+    """Tell whether a value is of a type; a class is told by its name, so that it need not be imported."""
+    is_flag = type(value).__name__ in ("bool", "bool_")
+    if get_origin(kind) is Sequence:
+        each = allowed_types(get_args(kind)[0])
+        return is_several(value) and all(any(_is_of(one, entry) for one in each) for entry in value)
+    if _is_function(kind):
+        return callable(value)
+    if kind is bool:
+        return is_flag
+    if kind in (int, float):
+        return isinstance(value, numbers.Integral if kind is int else numbers.Real) and not is_flag
+    if kind is Path:
+        return isinstance(value, os.PathLike)
+    return any(one.__name__ == kind.__name__ for one in type(value).__mro__)
 
-    Its module has `from __future__ import annotations`. Keywords that it takes as `**name: Unpack[Keywords]` are those
-    of the `TypedDict`; others would be handed on unseen. Parameters without an annotation are not checked.
+
+def check_value(name: str, value: Any, hint: Any) -> None:
+    """Check that a value is of the type that an annotation says, and that a path is one.
 
     Raises:
-        InputError: An argument is of another type than its annotation says.
-        TypeError: There is no such argument, or one is missing; in Python's words.
+        InputError: It is not; the message names the value, and what is allowed.
     """
-    signature = inspect.signature(function)
-
-    @functools.wraps(function)
-    def check(*args: P.args, **kwargs: P.kwargs) -> R:
-        try:
-            given = signature.bind(*args, **kwargs).arguments
-        except TypeError:
-            return function(*args, **kwargs)  # says it as everywhere in Python
-        for name, value in given.items():
-            parameter = signature.parameters[name]
-            if parameter.kind is parameter.VAR_KEYWORD:
-                known = keywords_of(function, parameter.annotation)
-                for keyword, one in value.items():
-                    if keyword not in known:
-                        raise TypeError(f"{function.__qualname__}() got an unexpected keyword argument {keyword!r}")
-                    _check(keyword, one, known[keyword].__forward_arg__)
-            elif parameter.annotation is not parameter.empty:
-                _check(name, value, parameter.annotation)
-        return function(*args, **kwargs)
-
-    return check
-
-
-def keywords_of(function: Callable[..., Any], annotation: str) -> Mapping[str, Any]:
-    """Find the `TypedDict` that `Unpack[...]` names."""
-    named = annotation.removeprefix("Unpack[").removesuffix("]")
-    found: Mapping[str, Any] = inspect.unwrap(function).__globals__[named].__annotations__
-    return found
+    kinds = allowed_types(hint)
+    if not any(_is_of(kind, value) for kind in kinds):
+        raise InputError(f"{name} = {shown(value)} is not allowed; give {_listed(kinds)}.")
+    each = [one for kind in kinds for one in (allowed_types(get_args(kind)[0]) if get_args(kind) else [kind])]
+    for one in (value if is_several(value) else [value]) if Path in each else ():
+        if isinstance(one, (str, os.PathLike)):
+            check_path(one)
+            if one == "":
+                raise InputError(f'{name} = "" names no file or folder.')

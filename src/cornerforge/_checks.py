@@ -6,15 +6,17 @@ Every message says what was wrong, its value, what is allowed, and where.
 from __future__ import annotations
 
 import json
+import numbers
 import os
 from collections.abc import Mapping
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any
 
 from cornerforge._words import shown
 from cornerforge.errors import InputError, UnknownNameError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 __all__ = [
     "check_finite",
@@ -51,7 +53,7 @@ def check_integer(name: str, value: int, *, low: int, high: int | None = None) -
     5
     """
     allowed = f"at least {low}" if high is None else f"from {low} to {high}"
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+    if isinstance(value, bool) or not isinstance(value, numbers.Integral):
         raise InputError(f"{name} = {shown(value)} is not a whole number; allowed: {allowed}.")
     if value < low or (high is not None and value > high):
         raise InputError(f"{name} = {shown(value)} is out of range; allowed: {allowed}.")
@@ -65,7 +67,7 @@ def check_number(name: str, value: float, *, low: float, high: float, unit: str 
         InputError: It is not a number, NaN, infinite or outside.
     """
     tail = f" {unit}" if unit else ""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
         raise InputError(f"{name} = {shown(value)} is not a number; allowed: {low} to {high}{tail}.")
     if not low <= value <= high:
         raise InputError(f"{name} = {value}{tail} is out of range; allowed: {low} to {high}{tail}.")
@@ -89,6 +91,8 @@ def check_finite(name: str, values: NDArray[np.floating]) -> None:
     Raises:
         InputError: It does; the message names the first place.
     """
+    import numpy as np
+
     bad = ~np.isfinite(values)
     if bad.any():
         first = tuple(int(i) for i in np.argwhere(bad)[0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import reprlib
 
-__all__ = ["shown", "spoken"]
+__all__ = ["shown", "speed_text", "spoken"]
 
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 120
@@ -41,3 +41,12 @@ def spoken(seconds: float) -> str:
         return f"{seconds / 3600.0:.2g} h" if seconds < 36000.0 else f"{seconds / 3600.0:.0f} h"
     days = seconds / 86400.0
     return f"{days:,.0f} days" if math.isfinite(days) else "for ever"
+
+
+def speed_text(per_second: float) -> str:
+    """A speed with as many digits as say something.
+
+    >>> speed_text(12345.6), speed_text(3.14159), speed_text(0.01234)
+    ('12,346', '3.1', '0.012')
+    """
+    return f"{per_second:,.0f}" if per_second >= 10.0 else f"{per_second:.2g}"

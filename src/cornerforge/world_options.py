@@ -1,31 +1,32 @@
 """The user's options for the world of a test: their types, defaults and explanations stand here and nowhere else.
 
-Verbs of the Python interface take these options as keywords (`simulate(tests=1000, lanes=4)`) and hand them on as one
-`WorldOptions`; commands take them as options of the same names. The module is light to import, because `--help` needs
-it.
+Options of verbs inherit from these classes, so `simulate(tests=1000, lanes=4)` and `--lanes 4` mean the same. The
+module is light to import, because `--help` needs it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cornerforge._options import Option, Options
 
 if TYPE_CHECKING:
     from cornerforge.ndd.model import NddModel
+else:  # classes are told by their names, so that the module need not be imported
+    NddModel = type("NddModel", (), {})
 
 __all__ = [
-    "AV_ASKED",
-    "AV_PROCESS",
     "PLAIN_ADVERSARIES",
     "REWARD_NAMES",
-    "AdversaryEnvKeywords",
-    "AvAloneKeywords",
-    "AvKeywords",
-    "AvProcessKeywords",
-    "DrivingEnvKeywords",
-    "RoadKeywords",
-    "WorldKeywords",
+    "AdversaryEnvOptions",
+    "AvAloneOptions",
+    "AvAskedOptions",
+    "AvOptions",
+    "AvProcessOptions",
+    "DrivingEnvOptions",
+    "RoadOptions",
     "WorldOptions",
 ]
 
@@ -35,9 +36,119 @@ REWARD_NAMES = ("crash", "striking", "avoidable", "preventable", "preventable-by
 """Names of `adversary.worlds.rewards.REWARDS`, which says what they pay for."""
 
 
-@dataclass(frozen=True)
-class WorldOptions:
-    """The options for the world of a test, as the user gives them; `experiment.setting.experiment` checks them.
+@dataclass(frozen=True, kw_only=True)
+class _World(Options):
+    """Some options of a world; the others are as by default."""
+
+    def world(self) -> WorldOptions:
+        """Give the options of the world alone; those that these lack have their defaults."""
+        own = {one.name for one in fields(self)}
+        return WorldOptions(**{one.name: getattr(self, one.name) for one in fields(WorldOptions) if one.name in own})
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoadOptions(_World):
+    """The road and its traffic."""
+
+    odd: Annotated[
+        str,
+        Option("default (4 s lane change), swift (2.5 s), paper (1 s) or mixed (4 s; trucks too).", near=("odd",)),
+    ] = "default"
+    lanes: Annotated[int | None, Option("Lanes, 2 to 6; 3 by default.")] = None
+    model: Annotated[Path | str | NddModel | None, Option("Naturalistic model; the shipped one by default.")] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class AvProcessOptions(_World):
+    """The process in which an AV from outside runs, and its time."""
+
+    av_timeout: Annotated[
+        float,
+        Option(
+            "Seconds that an AV which is not built in may take for the answer in one world.",
+            low=0.01, high=3600.0, unit="s",
+        ),
+    ] = 5.0  # fmt: skip
+    av_python: Annotated[
+        str | None, Option("Python in which such an AV runs, such as env/bin/python; it needs NumPy only.")
+    ] = None
+    av_memory: Annotated[
+        float | None, Option("GB that a process of such an AV may take; half of the machine's by default.", unit="GB")
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class AvAskedOptions(AvProcessOptions):
+    """How an AV from outside is asked."""
+
+    av_batch: Annotated[
+        int | None,
+        Option("Worlds that such an AV is asked about together; chosen by its speed by default.", low=1, high=65_536),
+    ] = None
+    av_processes: Annotated[
+        int | None,
+        Option("Processes of such an AV at the same time; as many as threads by default.", low=1, high=1024),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Av(_World):
+    """The AV."""
+
+    av: Annotated[
+        str,
+        Option(
+            "AV under test: a name (`cornerforge avs` lists them), module:Class, file.py:Class, "
+            '"cmd: ./program", or an .onnx or SB3 .zip file.',
+            near=("av",),
+        ),
+    ] = "idm-mobil"
+
+
+@dataclass(frozen=True, kw_only=True)
+class AvAloneOptions(_Av, AvAskedOptions):
+    """The AV, on a road that is known."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AvOptions(_Av, RoadOptions, AvAskedOptions):
+    """The AV, the road and its traffic."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Mask(_World):
+    """The mask of an adversary."""
+
+    bounded: Annotated[bool, Option("Only actions that the naturalistic model calls possible.")] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Budget(_Mask):
+    """The mask and the likelihood budget of an adversary."""
+
+    budget: Annotated[
+        float | None,
+        Option(
+            "Likelihood budget of a test in nats, such as 5: how far the actions may fall short of the likeliest "
+            "ones. Implies --bounded.",
+            unit="nats",
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrivingEnvOptions(_Mask, RoadOptions):
+    """The world of `cornerforge/Driving-v0`, whose AV is the agent."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdversaryEnvOptions(_Av, DrivingEnvOptions, AvProcessOptions):
+    """The world of `cornerforge/Adversary-v0`, whose adversary is the agent."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorldOptions(_Av, RoadOptions, _Budget, AvAskedOptions):
+    """The world of a test, with an adversary; `experiment.setting.experiment` checks names and files.
 
     Attributes:
         av: The AV under test: a built-in name, a file that `train-av` made, or an AV from outside: `module:Class`,
@@ -58,126 +169,16 @@ class WorldOptions:
             of the machine's.
     """
 
-    av: str = field(
-        default="idm-mobil",
-        metadata={
-            "help": "AV under test: a name (`cornerforge avs` lists them), module:Class, file.py:Class, "
-            '"cmd: ./program", or an .onnx or SB3 .zip file.'
-        },
-    )
-    odd: str = field(
-        default="default",
-        metadata={"help": "default (4 s lane change), swift (2.5 s), paper (1 s) or mixed (4 s; trucks too)."},
-    )  # fmt: skip
-    lanes: int | None = field(default=None, metadata={"help": "Lanes, 2 to 6; 3 by default."})
-    model: Path | str | NddModel | None = field(
-        default=None, metadata={"help": "Naturalistic model; the shipped one by default."}
-    )
-    bounded: bool = field(
-        default=False, metadata={"help": "Only actions that the naturalistic model calls possible."}
-    )  # fmt: skip
-    budget: float | None = field(
-        default=None,
-        metadata={
-            "unit": "nats",
-            "help": "Likelihood budget of a test in nats, such as 5: how far the actions may fall short of the "
-            "likeliest ones. Implies --bounded.",
-        },
-    )
-    av_timeout: float = field(
-        default=5.0,
-        metadata={
-            "unit": "s",
-            "help": "Seconds that an AV which is not built in may take for the answer in one world.",
-        },
-    )
-    av_batch: int | None = field(
-        default=None,
-        metadata={"help": "Worlds that such an AV is asked about together; chosen by its speed by default."},
-    )
-    av_processes: int | None = field(
-        default=None,
-        metadata={"help": "Processes of such an AV at the same time; as many as threads by default."},
-    )
-    av_python: str | None = field(
-        default=None,
-        metadata={"help": "Python in which such an AV runs, such as env/bin/python; it needs NumPy only."},
-    )
-    av_memory: float | None = field(
-        default=None,
-        metadata={"unit": "GB", "help": "GB that a process of such an AV may take; half of the machine's by default."},
-    )
-
     def without_mask(self) -> WorldOptions:
-        """Copy the options without `bounded` and `budget`: for a policy, which brings its own."""
-        return replace(self, bounded=False, budget=None)
+        """Copy the world without `bounded` and `budget`: for a policy, which brings its own."""
+        return replace(self.world(), bounded=False, budget=None)
 
-    def av_keywords(self) -> AvKeywords:
+    def av_keywords(self) -> dict[str, Any]:
         """Give the options as keywords of verbs without an adversary: all but `bounded` and `budget`."""
-        found: Any = {name: getattr(self, name) for name in AvKeywords.__annotations__}
-        keywords: AvKeywords = found
-        return keywords
+        return {one.name: getattr(self, one.name) for one in fields(AvOptions)}
 
     def with_av(self, av: str, *, is_foreign: bool) -> WorldOptions:
-        """Copy the options with another AV; Python and memory are for one from outside only."""
+        """Copy the world with another AV; Python and memory are for one from outside only."""
         if is_foreign:
-            return replace(self, av=av)
-        return replace(self, av=av, av_python=None, av_memory=None)
-
-
-class RoadKeywords(TypedDict, total=False):
-    """Keywords of verbs that know the AV, or need none: the options of `WorldOptions` for the road and its traffic."""
-
-    odd: str
-    lanes: int | None
-    model: Path | str | NddModel | None
-
-
-class AvProcessKeywords(TypedDict, total=False):
-    """Keywords of verbs that are told their AVs and worlds otherwise: in what an AV from outside runs, and its time."""
-
-    av_timeout: float
-    av_python: str | None
-    av_memory: float | None
-
-
-class AvAskedKeywords(AvProcessKeywords, total=False):
-    """Keywords of verbs that are told their AVs otherwise: how those from outside are asked."""
-
-    av_batch: int | None
-    av_processes: int | None
-
-
-class AvAloneKeywords(AvAskedKeywords, total=False):
-    """Keywords of verbs that drive an AV on a road that is known."""
-
-    av: str
-
-
-class AvKeywords(RoadKeywords, AvAloneKeywords, total=False):
-    """Keywords of verbs that drive an AV."""
-
-
-class WorldKeywords(AvKeywords, total=False):
-    """Keywords of verbs in which there can be an adversary, too."""
-
-    bounded: bool
-    budget: float | None
-
-
-class DrivingEnvKeywords(RoadKeywords, total=False):
-    """Keywords of `cornerforge/Driving-v0`, whose AV is the agent."""
-
-    bounded: bool
-
-
-class AdversaryEnvKeywords(DrivingEnvKeywords, AvProcessKeywords, total=False):
-    """Keywords of `cornerforge/Adversary-v0`, whose adversary is the agent."""
-
-    av: str
-
-
-AV_PROCESS = tuple(AvProcessKeywords.__annotations__)
-"""Names of the options of `AvProcessKeywords`."""
-AV_ASKED = tuple(AvAskedKeywords.__annotations__)
-"""Names of the options of `AvAskedKeywords`."""
+            return replace(self.world(), av=av)
+        return replace(self.world(), av=av, av_python=None, av_memory=None)

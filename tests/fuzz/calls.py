@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 import cornerforge
-from cornerforge._arguments import keywords_of
 
 __all__ = ["call", "hostile_call", "plain_call"]
 
@@ -57,15 +56,8 @@ _ENVIRONMENTS = (
 
 
 def _arguments(name: str) -> list[str]:
-    """Names of a function's arguments: those that stand in its signature, and those of the world that it takes."""
-    function = getattr(cornerforge, name)
-    names: list[str] = []
-    for one in inspect.signature(function).parameters.values():
-        if one.kind is one.VAR_KEYWORD:
-            names += keywords_of(function, one.annotation)
-        elif one.name not in ("progress", "stay"):
-            names.append(one.name)
-    return names
+    """Names of a function's arguments, without those that take functions."""
+    return [one for one in inspect.signature(getattr(cornerforge, name)).parameters if one not in ("progress", "up")]
 
 
 def hostile_call(rng: np.random.Generator) -> list[str]:

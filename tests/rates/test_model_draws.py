@@ -21,7 +21,7 @@ from cornerforge.ext.calibrate.variations import Variation, varied_model
 from cornerforge.ext.studies import model_draws
 from cornerforge.ndd import default_model_path, load_model, save_model
 from cornerforge.results import NaturalRate, as_json
-from cornerforge.verbs.rate_text import model_text
+from cornerforge.verbs.sentences.rates import model_text
 
 pytestmark = pytest.mark.full
 

@@ -23,7 +23,7 @@ from cornerforge.library import CaseLibrary
 from cornerforge.library.case_file import CaseFile, Happened, of_moving
 from cornerforge.library.out_case import MovingCase, straight_road
 from cornerforge.verbs.drive_case import CaseDriver, drive_case
-from cornerforge.verbs.retest import retest_text
+from cornerforge.verbs.sentences.retest import retest_text
 from cornerforge.world_options import WorldOptions
 
 pytestmark = pytest.mark.full

@@ -248,17 +248,17 @@ def test_an_interrupt_before_a_finished_block_is_saved_loses_nothing(
 
 
 def test_the_text_for_people_names_what_dominates(world: dict[str, Any]) -> None:
-    from cornerforge.verbs.rate_text import rate_text
+    from cornerforge.verbs.sentences.rates import rate_lines
 
     found = cornerforge.rate(**world, max_tests=6_000, target_rhw=0.001)
-    text = "\n".join(rate_text(found))
+    text = "\n".join(rate_lines(found))
     for part in ("all tests are done", "per BV-mile", "sideswipe", "[same-lane-opposite-sides]", "core-hours"):
         assert part in text
     # 6,000 tests are too few for 0.1 %: the square of how much too wide the interval is.
     assert found.relative_half_width is not None
-    (need,) = [line for line in rate_text(found, 0.001) if "needs about --max-tests" in line]
+    (need,) = [line for line in rate_lines(found) if "needs about --max-tests" in line]
     assert int(need.split()[-1]) == pytest.approx(6_000 * (found.relative_half_width / 0.001) ** 2, rel=0.05)
-    assert not [line for line in rate_text(found, 1e9) if "needs about" in line]
+    assert not [line for line in rate_lines(replace(found, target_rhw=1e9)) if "needs about" in line]
     nothing = replace(found, av_crashes=0, mechanism_rates={}, relative_half_width=None, bv_crashes_per_bv_mile=None)
-    assert "no crash yet" in "\n".join(rate_text(nothing))
-    assert not [line for line in rate_text(nothing) if "Mechanisms" in line]
+    assert "no crash yet" in "\n".join(rate_lines(nothing))
+    assert not [line for line in rate_lines(nothing) if "Mechanisms" in line]

@@ -28,7 +28,7 @@ from cornerforge.world_options import WorldOptions
 
 __all__ = ["Call", "a_call", "read_config", "this_call"]
 
-_NEVER = {"config", "help", "version"}
+_NEVER = {"config", "help"}
 """Options that a file cannot give."""
 _SHARED = {"seed", "threads", *(one.name.replace("_", "-") for one in fields(WorldOptions))}
 """Options that may stand at the top for other commands than the one that reads the file."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container
-from typing import Annotated, Any, TypeVar
+from collections.abc import Container
+from typing import Annotated, Any
 
 import typer
 import typer.core
@@ -13,9 +13,7 @@ from cornerforge._words import shown
 from cornerforge.cli.retired import retired_among
 from cornerforge.errors import InputError
 
-__all__ = ["app", "cases", "command", "ndd", "suite"]
-
-F = TypeVar("F", bound=Callable[..., None])
+__all__ = ["app", "command_class", "epilog", "group_of"]
 
 
 def _flags_without_value(options: list[Any]) -> list[Any]:
@@ -52,7 +50,27 @@ def _without_idle(words: list[str], known: Container[str]) -> list[str]:
     return left
 
 
+def _with_each(words: list[str], option: str) -> list[str]:
+    """Write an option before each of the words that belong to it.
+
+    >>> _with_each(["--figure", "a", "b", "--seed", "1"], "--figure")
+    ['--figure', 'a', '--figure', 'b', '--seed', '1']
+    """
+    found: list[str] = []
+    belongs = False
+    for place, word in enumerate(words):
+        if word.startswith("-"):
+            belongs = word == option
+        elif belongs and words[place - 1] != option:
+            found.append(option)
+        found.append(word)
+    return found
+
+
 class _Command(typer.core.TyperCommand):
+    many: tuple[str, ...] = ()
+    """Options to which all words belong that follow, up to the next option."""
+
     def get_params(self, ctx: Any) -> Any:
         return _flags_without_value(super().get_params(ctx))
 
@@ -62,6 +80,8 @@ class _Command(typer.core.TyperCommand):
             if told is not None:
                 raise InputError(told)
             args = _without_idle(args, {one.name for one in self.params})
+            for option in self.many:
+                args = _with_each(args, option)
         return super().parse_args(ctx, args)
 
     def make_parser(self, ctx: Any) -> Any:
@@ -80,7 +100,7 @@ class _Group(typer.core.TyperGroup):
         return _flags_without_value(super().get_params(ctx))
 
 
-def _epilog(examples: tuple[str, ...]) -> str:
+def epilog(examples: tuple[str, ...]) -> str:
     """Write the end of a help page: a line for each example."""
     return "\n".join(["Example:" if len(examples) == 1 else "Examples:", *examples])
 
@@ -88,7 +108,7 @@ def _epilog(examples: tuple[str, ...]) -> str:
 app = typer.Typer(
     name="cornerforge",
     help="How an automated vehicle's decision-making crashes, which crashes matter, and how often they happen.",
-    epilog=_epilog(("cornerforge run --effort quick --out out/demo", "cornerforge init my-av")),
+    epilog=epilog(("cornerforge run --effort quick --out out/demo", "cornerforge init my-av")),
     cls=_Group,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -98,35 +118,33 @@ ndd = typer.Typer(
     cls=_Group,
     no_args_is_help=True,
     help="The naturalistic driving model.",
-    epilog=_epilog(("cornerforge ndd show",)),
+    epilog=epilog(("cornerforge ndd show",)),
 )
 app.add_typer(ndd, name="ndd")
 suite = typer.Typer(
     cls=_Group,
     no_args_is_help=True,
     help="Small sets of cases to test every version of an AV with.",
-    epilog=_epilog(("cornerforge suite build out/demo/library --out out/suite",)),
+    epilog=epilog(("cornerforge suite build out/demo/library --out out/suite",)),
 )
 app.add_typer(suite, name="suite")
 cases = typer.Typer(
     cls=_Group,
     no_args_is_help=True,
     help="Cases made of recorded traffic.",
-    epilog=_epilog(("cornerforge cases from-data trajectories.csv --out out/moments",)),
+    epilog=epilog(("cornerforge cases from-data trajectories.csv --out out/moments",)),
 )
 app.add_typer(cases, name="cases")
 
 
-def command(*examples: str, name: str | None = None, of: typer.Typer = app) -> Callable[[F], F]:
-    """Make a function a command of the program.
+def command_class(many: tuple[str, ...]) -> type[_Command]:
+    """Give the class of a command some of whose options take all words that follow."""
+    return type("_ManyWords", (_Command,), {"many": many}) if many else _Command
 
-    Args:
-        examples: One or two command lines that run as written, shown at the end of its help. They may use what
-            `cornerforge run --effort quick --out out/demo` and `cornerforge init my-av` leave.
-        name: Its name; the function's by default.
-        of: The group that it belongs to.
-    """
-    return of.command(name, cls=_Command, epilog=_epilog(examples))
+
+def group_of(name: str) -> typer.Typer:
+    """Give the program that holds the commands of a group; "" for the program itself."""
+    return {"": app, "ndd": ndd, "suite": suite, "cases": cases}[name]
 
 
 def _say_version(context: typer.Context, wanted: bool) -> None:

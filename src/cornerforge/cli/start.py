@@ -1,27 +1,39 @@
-"""A command line: parse arguments, call `pipeline`, print. Nothing is computed here, nothing heavy imported early."""
+"""A command line: parse arguments, call a verb, print. Nothing is computed here, nothing heavy imported early."""
 
 from __future__ import annotations
 
+import importlib
 import traceback
 import warnings
 from typing import Any
 
 import typer
 
-# `--help` lists commands in the order in which these modules register them.
-from cornerforge.cli import whole, driving, learning, cases, exchange, naturalistic  # isort: skip
 from cornerforge._files import reason
+from cornerforge._options import Command
 from cornerforge._words import shown
+from cornerforge.cli.commands import add_command
 from cornerforge.cli.config import Call, a_call
 from cornerforge.cli.program import app
 from cornerforge.errors import CornerForgeError, InputError, one_line
+from cornerforge.ext import ROOMS
+from cornerforge.verbs.options import COMMANDS
 
 __all__ = ["app", "run"]
 
 EXIT_BAD_INPUT, EXIT_INTERRUPTED = 2, 130
-_COMMANDS = (whole, driving, learning, cases, exchange, naturalistic)
 _KEEP_WITH_OUT = ("simulate", "rate")
 """Commands with --resume that keep something only with --out; the other commands with --resume always do."""
+
+
+def _commands_of(room: str) -> tuple[Command, ...]:
+    """Give the commands of a room of `ext`, in its module `options`."""
+    found: tuple[Command, ...] = importlib.import_module(f"cornerforge.ext.{room}.options").COMMANDS
+    return found
+
+
+for _told in (*COMMANDS, *(one for room in ROOMS for one in _commands_of(room))):
+    add_command(_told)
 
 
 def _usage_message(error: Any) -> str:

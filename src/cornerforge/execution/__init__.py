@@ -4,9 +4,16 @@ A pool of threads computes them, since kernels release the interpreter's lock; o
 (`engine`). The results are the same.
 """
 
-from cornerforge.execution.code import code_hash
-from cornerforge.execution.spread import ENGINES, cpu_seconds, engine, in_order, is_spread
-from cornerforge.execution.threads import Rooms, default_threads, is_given_up
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cornerforge._doors import door
+
+if TYPE_CHECKING:
+    from cornerforge.execution.code import code_hash
+    from cornerforge.execution.spread import ENGINES, cpu_seconds, engine, in_order, is_spread
+    from cornerforge.execution.threads import Rooms, default_threads, is_given_up
 
 __all__ = [
     "ENGINES",
@@ -19,3 +26,18 @@ __all__ = [
     "is_given_up",
     "is_spread",
 ]
+
+__getattr__ = door(
+    "cornerforge.execution",
+    {
+        "ENGINES": "spread",
+        "Rooms": "threads",
+        "code_hash": "code",
+        "cpu_seconds": "spread",
+        "default_threads": "threads",
+        "engine": "spread",
+        "in_order": "spread",
+        "is_given_up": "threads",
+        "is_spread": "spread",
+    },
+)

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, TypeVar
 
-from cornerforge._arguments import checked
+from cornerforge._arguments import check_value
 from cornerforge._checks import check_in, check_integer
 from cornerforge.errors import InputError
 from cornerforge.execution.threads import in_threads
@@ -25,7 +25,6 @@ ENGINES = ("threads", "ray")
 _cluster: ContextVar[Cluster | None] = ContextVar("cluster", default=None)
 
 
-@checked
 @contextmanager
 def engine(name: str = "threads", *, address: str | None = None, workers: int | None = None) -> Iterator[None]:
     """Choose where tests are driven for as long as the block runs; no result depends on it.
@@ -49,6 +48,7 @@ def engine(name: str = "threads", *, address: str | None = None, workers: int | 
     False
     """
     check_in("engine", name, ENGINES)
+    check_value("address", address, str | None)
     if workers is not None:
         check_integer("threads", workers, low=1, high=100_000)
     if name == "threads":

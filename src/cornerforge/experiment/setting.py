@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Unpack
+from typing import Any
 
 from cornerforge._checks import check_integer, check_number
 from cornerforge.drivers.avs import AvModel, av_hash, av_named, numbers_of_av
@@ -46,7 +46,7 @@ from cornerforge.sim import (
     warm_up,
 )
 from cornerforge.types import Odd, odd_named
-from cornerforge.world_options import WorldKeywords, WorldOptions
+from cornerforge.world_options import WorldOptions
 
 __all__ = [
     "AV_LOG",
@@ -309,7 +309,7 @@ def experiment(
     takes_recorded: bool = False,
     seed: int = 0,
     road: Odd | None = None,
-    **keywords: Unpack[WorldKeywords],
+    **keywords: Any,
 ) -> Experiment:
     """Build the experiment of a run.
 

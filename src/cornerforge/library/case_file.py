@@ -19,7 +19,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._arguments import checked
+from cornerforge._arguments import check_value
 from cornerforge._files import check_regular, reason, writing
 from cornerforge._locks import claim_file, claims
 from cornerforge._strict_json import parse
@@ -160,7 +160,6 @@ def case_schema() -> Mapping[str, Any]:
     return cast("Mapping[str, Any]", json.loads(text))
 
 
-@checked
 @claims()
 def write_case_file(case: CaseFile, path: Path | str, *, overwrite: bool = False) -> Path:
     """Write a case file, whole or not at all.
@@ -174,6 +173,9 @@ def write_case_file(case: CaseFile, path: Path | str, *, overwrite: bool = False
         OutputError: The file is there already, or cannot be written.
         InputError: The case has something that no case file can hold.
     """
+    check_value("case", case, CaseFile)
+    check_value("path", path, Path | str)
+    check_value("overwrite", overwrite, bool)
     path = Path(path)
     if path.suffix != ".json":
         raise InputError(f"{path}: the name of a case file ends in .json; name it so.")
@@ -199,7 +201,6 @@ def case_text(case: CaseFile) -> str:
     return _dump(content, "") + "\n"
 
 
-@checked
 def read_case_file(path: Path | str) -> CaseFile:
     """Read a case file.
 
@@ -207,6 +208,7 @@ def read_case_file(path: Path | str) -> CaseFile:
         FileFormatError: It cannot be read, is no case file, is of another version, or something in it is wrong: the
             message says what, where, and what it must be.
     """
+    check_value("path", path, Path | str)
     path = Path(path)
     try:
         check_regular(path)

@@ -72,6 +72,8 @@ class Simulated(Rate):
         metadata=meant("SHA-256 over all outcomes in test order; the same for any threads and machine.")
     )
     distributions: Distributions | None = field(default=None, metadata=meant("What traffic was like; with `--stats`."))
+    av: str | None = field(default=None, metadata=meant("The AV, as it was named."))
+    bv: tuple[str, ...] | None = field(default=None, metadata=meant("How background vehicles drove: names or files."))
     cases: int | None = field(default=None, metadata=meant("Cases in the library; with `--out`."))
     library: str | None = field(default=None, metadata=meant("Folder of the library; with `--out`."))
 
@@ -262,6 +264,9 @@ class NaturalRate(Rate, _RatedAv):
     mechanism_rates: dict[str, KindRate] = field(metadata=meant("How often what led to them happens, where seen."))
     crash_circumstances: CrashCircumstances | None = field(
         metadata=meant("Crashes with circumstances that matter; null but for mc.")
+    )
+    target_rhw: float | None = field(
+        default=None, metadata=meant("The `relative_half_width` that was asked for; missing: none was.")
     )
     model_uncertainty: ModelUncertainty | None = field(
         default=None,

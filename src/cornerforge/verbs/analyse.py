@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._arguments import checked
-from cornerforge._checks import check_in, check_integer, check_number
-from cornerforge._locks import claims
+from cornerforge._checks import check_integer
+from cornerforge._options import verb
 from cornerforge.errors import InputError
-from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge.execution.progress import Progress
 from cornerforge.experiment.output import open_output, provenance, write_json
 from cornerforge.experiment.setting import check_threads
 from cornerforge.fields import SHORTFALL
@@ -26,6 +25,7 @@ from cornerforge.rates.judges import LEAD_S, has_way_out, judges_of
 from cornerforge.rates.natural import natural_shares
 from cornerforge.results import Analysed, as_json, from_json
 from cornerforge.results.analysis import Natural
+from cornerforge.verbs.options.cases import Analyse
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -45,36 +45,9 @@ _SHOWING = 5
 """Cases that are shown for a flaw."""
 
 
-@checked
-@claims()
-def analyse(
-    library: Path | str,
-    *,
-    steps: int = 1,
-    out: Path | str | None = None,
-    avoidability: int | str = DEFAULT_LOOKS,
-    reaction: float = 0.0,
-    purpose: str | None = None,
-    seed: int = 0,
-    threads: int | None = None,
-    progress: Progress = NO_PROGRESS,
-) -> Analysed:
+@verb(Analyse)
+def analyse(options: Analyse) -> Analysed:
     """Analyse a library (paper, "Corner case analysis"), and judge its cases: measures, fault, avoidability, value.
-
-    Args:
-        library: The library's folder.
-        steps: Seconds before the crash that the features cover, 1 to 15.
-        out: Folder for `analysis.json`, `points.parquet`, `cases.parquet` (every case with all its measures) and
-            `witnesses.parquet` (ways out), new or empty, or with this same analysis; None for none.
-        avoidability: Number of cases, drawn at random, that are searched for a way out; or "all" or "none". Typical and
-            rare cases are searched too, unless it is "none".
-        reaction: Time that the AV needs to react [s], 0 to 5: an avoiding manoeuvre begins at the earliest this long
-            after the begin of the manoeuvre that led to the crash.
-        purpose: What comes first. "road": what happens most in natural traffic, for natural cases only; "attack": what
-            is of most value. None: "road" for natural cases, else "attack".
-        seed: Seed of the starts of K-means and of the draw.
-        threads: None for all cores; does not change the result.
-        progress: Told how far it is.
 
     Returns:
         What `cornerforge analyse --json` prints: clusters, typical and rare cases, ways out, faults, values; of
@@ -85,57 +58,59 @@ def analyse(
     """
     from cornerforge.analysis import analyse as analyse_history
 
-    check_integer("steps", steps, low=1, high=15)
-    check_integer("seed", seed, low=0, high=2**32 - 1)
-    check_number("reaction", reaction, low=0.0, high=5.0, unit="s")
-    looks = _looks(avoidability)
-    n_threads = check_threads(threads)
-    cases = CaseLibrary.open(Path(library))
+    check_integer("seed", options.seed, low=0, high=2**32 - 1)
+    looks = _looks(options.avoidability)
+    n_threads = check_threads(options.threads)
+    cases = CaseLibrary.open(Path(options.library))
     if len(cases) == 0:
-        fill = f"cornerforge generate --out {library} --resume"
+        fill = f"cornerforge generate --out {options.library} --resume"
         if is_natural(cases):
-            fill += f"; if rate made it, with: cornerforge rate --out {Path(library).parent} --resume, and more tests"
-        raise InputError(f"The library {library} holds no cases yet; fill it with: {fill}")
+            place = Path(options.library).parent
+            fill += f"; if rate made it, with: cornerforge rate --out {place} --resume, and more tests"
+        raise InputError(f"The library {options.library} holds no cases yet; fill it with: {fill}")
     weights = natural_weights(cases)
-    if purpose is None:
-        purpose = "attack" if weights is None else "road"
-    if check_in("purpose", purpose, ("attack", "road")) == "road" and weights is None:
+    purpose = options.purpose or ("attack" if weights is None else "road")
+    if purpose == "road" and weights is None:
         raise InputError(
-            f"The cases of {library} come from an adversary, so nothing says how often they happen on the road; use "
-            "purpose attack, or a library that rate or generate makes from natural traffic."
+            f"The cases of {options.library} come from an adversary, so nothing says how often they happen on the "
+            "road; use purpose attack, or a library that rate or generate makes from natural traffic."
         )
     identity = {
-        **cases.identity, "cases": len(cases), "steps": steps, "analysis_seed": seed,
-        "avoidability": str(avoidability), "reaction": float(reaction), "purpose": purpose,
+        **cases.identity, "cases": len(cases), "steps": options.steps, "analysis_seed": options.seed,
+        "avoidability": str(options.avoidability), "reaction": float(options.reaction), "purpose": purpose,
     }  # fmt: skip
-    if out is not None:
-        open_output(Path(out), identity, resume=True)
-    progress("analyse", 0, len(cases))
+    if options.out is not None:
+        open_output(Path(options.out), identity, resume=True)
+    options.progress("analyse", 0, len(cases))
     ids, history = cases.history()
     length, width = cases.sizes()
-    found = analyse_history(ids, history, steps=steps, seed=seed, vehicle_length=length, vehicle_width=width)
+    found = analyse_history(
+        ids, history, steps=options.steps, seed=options.seed, vehicle_length=length, vehicle_width=width
+    )
     told = found.to_json()
-    drawn = _draw(found.case_ids, looks, seed)
+    drawn = _draw(found.case_ids, looks, options.seed)
     chosen = drawn | _outstanding(found) if looks != 0 else drawn
-    table, witnesses, reacting, value = _judge(cases, found, chosen, reaction, n_threads, progress, told["seconds"])
+    table, witnesses, reacting, value = _judge(
+        cases, found, chosen, options.reaction, n_threads, options.progress, told["seconds"]
+    )
     natural = by_case = None
     if weights is not None:
         by_case = np.array([weights[case] for case in found.case_ids])
-        natural = _natural(cases, found, table, drawn, reaction, by_case)
+        natural = _natural(cases, found, table, drawn, options.reaction, by_case)
     doing, showing = _own_doing(found, table, value, by_case)
     first = value.best(_TOP).tolist()
     if purpose == "road" and natural is not None:
         typical = _most_frequent(found, natural)
         first = [*showing, *(row for row in typical if row not in showing)][:_TOP]
-    told |= _judged(found, table, drawn, reaction) | {
-        "judges": _compared(found, table, drawn, reaction, reacting),
+    told |= _judged(found, table, drawn, options.reaction) | {
+        "judges": _compared(found, table, drawn, options.reaction, reacting),
         "own_doing": doing,
         "value": {"weights": value.weights, "top": _top(cases, found, table, value, first)}, "purpose": purpose,
     }  # fmt: skip
     analysed = replace(from_json(Analysed, told), natural=natural)
-    if out is not None:
-        _write(Path(out), analysed, found, table, witnesses)
-        write_json(Path(out) / "provenance.json", provenance(identity, round(analysed.seconds["total"], 3)))
+    if options.out is not None:
+        _write(Path(options.out), analysed, found, table, witnesses)
+        write_json(Path(options.out) / "provenance.json", provenance(identity, round(analysed.seconds["total"], 3)))
     return analysed
 
 

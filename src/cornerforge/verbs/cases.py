@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 
-from cornerforge._arguments import checked
 from cornerforge._extensions import extension
-from cornerforge._locks import claims
 from cornerforge._objects import object_fault
+from cornerforge._options import verb
 from cornerforge.analysis.avoidability import AvoidParams, avoidability
 from cornerforge.analysis.stored import CASES_FILE, read_analysed
 from cornerforge.errors import FileFormatError, InputError
-from cornerforge.execution.progress import NO_PROGRESS, Progress
 from cornerforge.experiment.named_avs import check_named
 from cornerforge.experiment.output import code_hash
 from cornerforge.experiment.policy_file import load_policy
@@ -26,13 +25,14 @@ from cornerforge.foreign.loaders import is_foreign
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.filling import MODEL_FILE, policy_file
 from cornerforge.library.manifest import MANIFEST
-from cornerforge.library.query import MEGABYTES, SECONDS, run_sql
+from cornerforge.library.query import run_sql
 from cornerforge.library.schema import IDENTITY_FIELDS
 from cornerforge.report.moments import partner_of
 from cornerforge.results import Queried, Replayed
 from cornerforge.sim import scenario_digest
 from cornerforge.types import Scenario
-from cornerforge.world_options import AvProcessKeywords, WorldOptions
+from cornerforge.verbs.options.cases import Query, Replay
+from cornerforge.world_options import AvProcessOptions, WorldOptions
 
 __all__ = ["SEVERAL", "driver_of_cases", "experiment_of", "experiment_with", "is_same", "query", "replay"]
 
@@ -40,8 +40,12 @@ SEVERAL = "several AVs"
 """The AV of a library whose cases were made by different ones."""
 
 
-def experiment_of(cases: CaseLibrary, **asked: Unpack[AvProcessKeywords]) -> Experiment:
+def experiment_of(cases: CaseLibrary, asked: AvProcessOptions | None = None) -> Experiment:
     """Rebuild the experiment that made a library from its identity and the files beside it.
+
+    Args:
+        cases: The library.
+        asked: In what an AV from outside runs, and its time for an answer; None: as by default.
 
     Raises:
         FileFormatError: A file is missing or is not the one of the library.
@@ -55,7 +59,7 @@ def experiment_of(cases: CaseLibrary, **asked: Unpack[AvProcessKeywords]) -> Exp
         )
     if is_foreign(str(cases.identity["av"])):
         check_named(str(cases.identity["av"]), cases.path)
-    world = WorldOptions(av=str(cases.identity["av"]), **asked)
+    world = replace((asked or AvProcessOptions()).world(), av=str(cases.identity["av"]))
     return experiment_with(cases, world, changed=())
 
 
@@ -137,30 +141,9 @@ def driver_of_cases(run: Experiment) -> Callable[[StoredCase], Scenario]:
     return again
 
 
-@checked
-@claims()
-def replay(
-    library: Path | str,
-    case: str,
-    *,
-    check: bool = False,
-    picture: Path | str | None = None,
-    video: Path | str | None = None,
-    progress: Progress = NO_PROGRESS,
-    **asked: Unpack[AvProcessKeywords],
-) -> Replayed:
+@verb(Replay)
+def replay(options: Replay) -> Replayed:
     """Drive a case again from its seed, or by its script (`shrink` makes such cases).
-
-    Args:
-        library: The library's folder.
-        case: Case id, or "all".
-        check: Also compare with what is stored.
-        picture: New file, .png or .svg, to draw the crash and the latest way out of it (extra `report`); for one case.
-        video: New file, .mp4, .webm (extra `video`) or .gif (extra `report`), for a film of the case from above in real
-            time, up to the contact, with the latest way out as a dashed outline; for one case.
-        progress: Told how far it is.
-        asked: In what an AV that is not built in runs, and its time for an answer; see `WorldOptions`. A library does
-            not remember it, because it belongs to the machine.
 
     Returns:
         What `cornerforge replay --json` prints.
@@ -169,18 +152,22 @@ def replay(
         CornerForgeError: No such case, the library, its policy or model cannot be read, or there can be no picture or
             film.
     """
-    if case == "all" and (picture is not None or video is not None):
-        raise InputError(f"A {'film' if picture is None else 'picture'} shows one case; name it instead of all.")
-    if picture is not None:
-        extension("films").check_picture(Path(picture))
-    if video is not None:
-        extension("films").check_video(Path(video))
-    cases = CaseLibrary.open(Path(library))
-    run = experiment_of(cases, **asked)
+    if options.case == "all" and (options.picture is not None or options.video is not None):
+        raise InputError(
+            f"A {'film' if options.picture is None else 'picture'} shows one case; name it instead of all."
+        )
+    if options.picture is not None:
+        extension("films").check_picture(Path(options.picture))
+    if options.video is not None:
+        extension("films").check_video(Path(options.video))
+    cases = CaseLibrary.open(Path(options.library))
+    run = experiment_of(cases, options)
     again = driver_of_cases(run)
-    ids = cases.scalars(["case_id"])["case_id"].to_pylist() if case == "all" else [case]
+    ids = cases.scalars(["case_id"])["case_id"].to_pylist() if options.case == "all" else [options.case]
     if not ids:
-        raise InputError(f"The library {library} holds no cases yet, so there is none to replay; generate some first.")
+        raise InputError(
+            f"The library {options.library} holds no cases yet, so there is none to replay; generate some first."
+        )
     differ: list[str] = []
     crash_time = None
     note: str | None = None
@@ -188,30 +175,34 @@ def replay(
         stored = cases.scenario(case_id)
         driven = again(stored)
         crash_time = None if driven.crash is None else driven.crash.time
-        if check and not is_same(driven, stored):
+        if options.check and not is_same(driven, stored):
             differ.append(case_id)
             if note is None:
                 note = _why_different(cases, run, driven)
-        progress("replay", done + 1, len(ids))
-        if picture is None and video is None:
+        options.progress("replay", done + 1, len(ids))
+        if options.picture is None and options.video is None:
             continue
         has_crash = partner_of(driven) is not None
-        answer = avoidability(driven, AvoidParams(steers=run.av_steers)) if has_crash or picture is not None else None
-        if picture is not None and answer is not None:
-            extension("films").write_picture(driven, Path(picture), answer)
-        if video is not None:
+        answer = (
+            avoidability(driven, AvoidParams(steers=run.av_steers))
+            if has_crash or options.picture is not None
+            else None
+        )
+        if options.picture is not None and answer is not None:
+            extension("films").write_picture(driven, Path(options.picture), answer)
+        if options.video is not None:
             title = f"Case {case_id}, AV {run.av.name}"
-            extension("films").write_video(driven, Path(video), answer, title=title, progress=progress)
-    is_all = case == "all"
+            extension("films").write_video(driven, Path(options.video), answer, title=title, progress=options.progress)
+    is_all = options.case == "all"
     return Replayed(
-        case=case,
+        case=options.case,
         crash_time_s=None if is_all else crash_time,
-        identical=not differ if check else None,
+        identical=not differ if options.check else None,
         cases=len(ids) if is_all else None,
         differ=tuple(differ) if is_all else None,
         note=note,
-        picture=None if picture is None else str(picture),
-        video=None if video is None else str(video),
+        picture=None if options.picture is None else str(options.picture),
+        video=None if options.video is None else str(options.video),
     )
 
 
@@ -227,26 +218,22 @@ def _why_different(cases: CaseLibrary, run: Experiment, driven: Scenario) -> str
     return None
 
 
-@checked
-def query(library: Path | str, sql: str, *, seconds: float = SECONDS, megabytes: int = MEGABYTES) -> Queried:
+@verb(Query, writes=False)
+def query(options: Query) -> Queried:
     """Run SQL on a library, or on the cases of an analysis (table `cases`, key `case_id`), read only.
-
-    Args:
-        library: The library's folder, or the folder of an analysis: the table is then its `cases.parquet`.
-        sql: One SELECT.
-        seconds: Longest time for the answer [s], 0.1 to 86,400.
-        megabytes: Most memory for it, 16 to 1,048,576.
 
     Raises:
         CornerForgeError: There is neither, it cannot be read, the SQL is wrong, or needs more than it may.
     """
-    folder = Path(library)
+    folder = Path(options.library)
     if not (folder / MANIFEST).exists() and (folder / CASES_FILE).is_file():
         table = read_analysed(folder / CASES_FILE, "cornerforge analyse")
-        columns, rows = run_sql(table, sql, seconds=seconds, megabytes=megabytes)
+        columns, rows = run_sql(table, options.sql, seconds=options.seconds, megabytes=options.megabytes)
     else:
         _point_below(folder)
-        columns, rows = CaseLibrary.open(folder).query(sql, seconds=seconds, megabytes=megabytes)
+        columns, rows = CaseLibrary.open(folder).query(
+            options.sql, seconds=options.seconds, megabytes=options.megabytes
+        )
     return Queried(columns=tuple(columns), rows=tuple(tuple(_plain(value) for value in row) for row in rows))
 
 

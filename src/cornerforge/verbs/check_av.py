@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import time
 from functools import partial
-from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._arguments import checked
-from cornerforge._checks import check_integer
+from cornerforge._options import verb
 from cornerforge._words import spoken
 from cornerforge.errors import AvFaultError, InputError
-from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge.execution.progress import Progress
 from cornerforge.experiment.counting import simulate_experiment
 from cornerforge.experiment.forecast import LONG_SECONDS, forecast, seconds_of, tests_per_hour
 from cornerforge.experiment.named_avs import remember
@@ -31,7 +29,8 @@ from cornerforge.results.avs import AvCheck, AvDoes, AvSpeed
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import STEERED
 from cornerforge.types import Odd
-from cornerforge.world_options import AvKeywords, WorldOptions
+from cornerforge.verbs.options.driving import CheckAv
+from cornerforge.world_options import WorldOptions
 
 __all__ = ["check_av"]
 
@@ -157,24 +156,9 @@ class _Bench:
         return np.array(given)
 
 
-@checked
-def check_av(
-    *,
-    tests: int | None = None,
-    seed: int = 0,
-    threads: int | None = None,
-    progress: Progress = NO_PROGRESS,
-    **world: Unpack[AvKeywords],
-) -> AvChecked:
+@verb(CheckAv, writes=False)
+def check_av(options: CheckAv) -> AvChecked:
     """Try an AV on edge cases, check that its answers repeat, and measure its speed.
-
-    Args:
-        tests: Tests to drive in natural traffic at the end; None: 256, or as many as take about a minute.
-        seed: Seed of tests and views.
-        threads: None for all cores; changes only what is said of the time that jobs will take.
-        progress: Told how far it is.
-        world: The AV (`module:Class`, `file.py:Class`, `cmd: PROGRAM`, an `.onnx` or a Stable-Baselines3
-            `.zip` file) and its world, keyword by keyword; see `WorldOptions`.
 
     Returns:
         What `cornerforge check-av --json` prints: what each trial found, and the AV's speed.
@@ -182,40 +166,38 @@ def check_av(
     Raises:
         CornerForgeError: It is no AV, or fails at once.
     """
-    if tests is not None:
-        check_integer("tests", tests, low=1, high=10**6)
-    check_integer("seed", seed, low=0, high=2**63 - 1)
-    options = WorldOptions(**world)
-    av, av_timeout = options.av, options.av_timeout
-    check_av_options(options)
+    if options.tests is not None:
+        world = options.world()
+    av, av_timeout = world.av, world.av_timeout
+    check_av_options(world)
     if not is_foreign(av):
         raise InputError(
             f'"{av}" is a built-in name or none; check-av tries module:Class, file.py:Class, "cmd: PROGRAM", '
             ".onnx and .zip files."
         )
     remember(av)
-    road = road_of(options)
-    bench = _Bench(av, road, seed, av_timeout, confines_of(options))
+    road = road_of(world)
+    bench = _Bench(av, road, options.seed, av_timeout, confines_of(world))
     try:
         bench.session(1)
         speed: tuple[AvSpeed, ...] = ()
         bench.note("loads", _OK, "it can be made and set up")
-        _try_edge_cases(bench, road, progress)
+        _try_edge_cases(bench, road, options.progress)
         if all(check.verdict != _FAIL for check in bench.checks):
-            progress("repeats", 0, 1)
-            _try_repeats(bench, road, seed)
-            progress("speed", 0, 1)
-            speed = _speeds(bench, road, seed)
+            options.progress("repeats", 0, 1)
+            _try_repeats(bench, road, options.seed)
+            options.progress("speed", 0, 1)
+            speed = _speeds(bench, road, options.seed)
     finally:
         bench.close()
-    does = _drive(bench, options, tests, seed, threads, progress)
+    does = _drive(bench, world, options.tests, options.seed, options.threads, options.progress)
     passed = all(check.verdict != _FAIL for check in bench.checks)
     log = None if passed else bench.log.named()
     return AvChecked(
         av=av,
         kind=bench.about["kind"],
         hash=bench.about["hash"],
-        memory_gb=round(confines_of(options).gigabytes, 3),
+        memory_gb=round(confines_of(world).gigabytes, 3),
         checks=tuple(bench.checks),
         passed=passed,
         log=None if passed or log is None else str(log),

@@ -8,14 +8,14 @@ import math
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Unpack
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._arguments import checked
+from cornerforge._options import Option, verb
 from cornerforge.analysis.crash_types import STRIKERS, classify_crashes
 from cornerforge.analysis.in_words import what_happened
 from cornerforge.analysis.mechanism import contact_pose, crash_frame, crash_types_of
@@ -29,7 +29,7 @@ from cornerforge.library.out_case import plain_text, straight_on
 from cornerforge.ndd.model import default_model_path, load_model, model_hash
 from cornerforge.sim import SUBSTEPS, Ending, Script
 from cornerforge.types import CLASSES, FRAME_S, Scenario
-from cornerforge.world_options import AvAloneKeywords, WorldOptions
+from cornerforge.world_options import AvAloneOptions, WorldOptions
 
 __all__ = [
     "COUNTS", "CaseDriver", "DrivenCase", "av_straight_on", "check_count", "crash_in_words", "drive_case",
@@ -222,22 +222,28 @@ def recorded_drive(run: Experiment, script: Script) -> Scenario:
     return replace(scenario, crash=None, **{one.name: getattr(scenario, one.name)[:frames] for one in SERIES})
 
 
-@checked
-def drive_case(case: CaseFile | Path | str, **world: Unpack[AvAloneKeywords]) -> DrivenCase:
+@dataclass(frozen=True, kw_only=True)
+class DriveCase(AvAloneOptions):
+    """Drive a case file; the AV "recorded" is whatever was in the AV's seat."""
+
+    case: Annotated[CaseFile | Path | str, Option("The case, or its file.")] = field(kw_only=False)
+
+
+@verb(DriveCase, writes=False)
+def drive_case(options: DriveCase) -> DrivenCase:
     """Drive a case file with an AV.
 
-    Args:
-        case: The case, or its file.
-        world: `av`, and how an AV from outside is asked. "recorded" is whatever was in the AV's seat.
+    Returns:
+        What happened. The AV "recorded" is whatever was in the AV's seat.
 
     Raises:
         AvFaultError: The AV raises, hangs or gives no usable answer.
         CornerForgeError: The file cannot be read, the AV cannot be had, or the case depends on another model.
     """
+    case = options.case
     models = [] if isinstance(case, CaseFile) else [Path(case).parent]
     read = case if isinstance(case, CaseFile) else read_case_file(case)
-    options = WorldOptions(**world)
-    with CaseDriver(options, models) as driver:
+    with CaseDriver(options.world(), models) as driver:
         return driven_with(driver, read, options.av)
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cornerforge._arguments import checked
-from cornerforge._locks import claims
+from cornerforge._options import verb
 from cornerforge.experiment.output import check_new_file, write_text
 from cornerforge.results import Initialised
+from cornerforge.verbs.options.whole import Init
 
 __all__ = ["FILES", "init"]
 
@@ -15,13 +15,9 @@ FILES = {"my_av.py": "my_av.py.txt", "cornerforge.toml": "cornerforge.toml", "RE
 """Files that `init` writes, and where their text lies in the folder `start` beside this module."""
 
 
-@checked
-@claims()
-def init(folder: Path | str) -> Initialised:
+@verb(Init)
+def init(options: Init) -> Initialised:
     """Write a folder to start from: an AV class, a config for `cornerforge run --config`, and a README of ten lines.
-
-    Args:
-        folder: The folder; it is made if it is not there. Other files in it stay.
 
     Returns:
         What `cornerforge init --json` prints: the files.
@@ -30,7 +26,7 @@ def init(folder: Path | str) -> Initialised:
         OutputError: One of the files is there already, or cannot be written; then none is left.
         InputError: The path is no valid text.
     """
-    place = Path(folder)
+    place = Path(options.folder)
     texts = {
         place / name: (Path(__file__).parent / "start" / source).read_text("utf-8") for name, source in FILES.items()
     }

@@ -4,39 +4,21 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cornerforge._arguments import checked
-from cornerforge._locks import claim_folder, claims
+from cornerforge._locks import claim_folder
+from cornerforge._options import verb
 from cornerforge.errors import InputError
-from cornerforge.execution.progress import NO_PROGRESS, Progress
 from cornerforge.experiment.output import is_finished_run
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.results.whole import Reported
-from cornerforge.verbs.analyse import DEFAULT_LOOKS, analyse
+from cornerforge.verbs.analyse import analyse
+from cornerforge.verbs.options.whole import MakeReport
 
 __all__ = ["library_of", "make_report"]
 
 
-@checked
-@claims()
-def make_report(
-    place: Path | str,
-    *,
-    out: Path | str = "cornerforge-report",
-    avoidability: int | str = DEFAULT_LOOKS,
-    reaction: float = 0.0,
-    seed: int = 0,
-    threads: int | None = None,
-    progress: Progress = NO_PROGRESS,
-) -> Reported:
+@verb(MakeReport)
+def make_report(options: MakeReport) -> Reported:
     """Make `report.html` of a run or of a library, whichever AV and adversary made it.
-
-    Args:
-        place: A folder of `run`, whose page is written again from what it holds; of `rate`; or a library.
-        out: For a library: folder of `report.html` and `analysis/`; new or empty, or with the same analysis. The page
-            of a run stays in its folder, so this is not used.
-        avoidability, reaction, seed: Of the analysis of a library, as for `analyse`.
-        threads: None for all cores; does not change the result.
-        progress: Told how far it is.
 
     Returns:
         What `cornerforge report --json` prints: where the page is.
@@ -46,23 +28,23 @@ def make_report(
     """
     from cornerforge.report import write_library_report, write_report
 
-    given = Path(place)
+    given = Path(options.place)
     if is_finished_run(given):
         claim_folder(given)
-        progress("report", 0, 1)
+        options.progress("report", 0, 1)
         page = write_report(given)
-        progress("report", 1, 1)
+        options.progress("report", 1, 1)
         return Reported(report=str(page), library=str(given / "library"))
     library = library_of(given)
-    folder = Path(out)
+    folder = Path(options.out)
     claim_folder(folder)
     analyse(
-        library, out=folder / "analysis", avoidability=avoidability, reaction=reaction, seed=seed, threads=threads,
-        progress=progress,
+        library, out=folder / "analysis", avoidability=options.avoidability, reaction=options.reaction,
+        seed=options.seed, threads=options.threads, progress=options.progress,
     )  # fmt: skip
-    progress("report", 0, 1)
+    options.progress("report", 0, 1)
     page = write_library_report(library, folder)
-    progress("report", 1, 1)
+    options.progress("report", 1, 1)
     return Reported(report=str(page), library=str(library))
 
 

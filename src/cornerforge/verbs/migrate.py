@@ -16,16 +16,16 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from safetensors import SafetensorError, safe_open
 
-from cornerforge._arguments import checked
 from cornerforge._arrow import arrow_field
 from cornerforge._checksums import KEY, read_arrays, read_tensors, write_arrays, write_tensors
 from cornerforge._files import check_regular, read_bytes, reason, writing
-from cornerforge._locks import claims, is_lock
+from cornerforge._locks import is_lock
+from cornerforge._options import verb
 from cornerforge._strict_json import parse
 from cornerforge._table_checks import TableChecks, write_parquet
 from cornerforge._values import table_fault
 from cornerforge.errors import FileFormatError, InputError, OutputError
-from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge.execution.progress import Progress
 from cornerforge.experiment.output import provenance, write_json
 from cornerforge.fields import BODY, CASES, PARTNER, SHORTFALL, Field
 from cornerforge.library import CaseLibrary
@@ -37,30 +37,25 @@ from cornerforge.ndd.model import OLD_SCHEMA, SCHEMA_VERSION, load_model
 from cornerforge.results.whole import Migrated
 from cornerforge.sim import START_FIELDS, TRAITS, average_traits
 from cornerforge.types import CAR, Odd
+from cornerforge.verbs.options.cases import Migrate
 
 __all__ = ["migrate"]
 
 
-@checked
-@claims()
-def migrate(library: Path | str, *, out: Path | str, progress: Progress = NO_PROGRESS) -> Migrated:
+@verb(Migrate)
+def migrate(options: Migrate) -> Migrated:
     """Write files of an earlier version anew, with the present columns and checksums; the old ones stay as they are.
 
     What the earlier version did not record is filled in: vehicles are cars of the ODD's size. The cases themselves are
     those of the version that drove them, and a new library says which that was. Files of other programs, pages and
     logs are copied.
 
-    Args:
-        library: A library, the folder of a run, a rate or an analysis, or one file: a model, a policy, a learned AV.
-        out: A new folder, or a new file.
-        progress: Is told how many cases are done.
-
     Raises:
         InputError: There is nothing at `library`, or `out` lies in it.
         FileFormatError: Something is damaged: nothing is left out silently.
         OutputError: `out` is there already, or cannot be written.
     """
-    old, new = Path(library), Path(out)
+    old, new = Path(options.library), Path(options.out)
     if not old.exists():
         raise InputError(f"There is nothing at {old}; name a library, the folder of a run, or a file.")
     if old.resolve() in new.resolve().parents:
@@ -68,12 +63,12 @@ def migrate(library: Path | str, *, out: Path | str, progress: Progress = NO_PRO
     if new.is_file() or (new.is_dir() and any(not is_lock(entry.name) for entry in new.iterdir())):
         raise OutputError(f"{new} is there already; choose a new place.")
     try:
-        cases, made_by = _bring(old, new, progress)
+        cases, made_by = _bring(old, new, options.progress)
     except BaseException:  # Ctrl-C too: the old one is still there
         shutil.rmtree(new, ignore_errors=True)
         new.unlink(missing_ok=True)
         raise
-    progress("migrate", cases, cases)
+    options.progress("migrate", cases, cases)
     return Migrated(library=str(new), cases=cases, made_by=made_by or "an earlier version")
 
 

@@ -7,18 +7,17 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import warnings
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any
 
-from cornerforge._arguments import checked
-from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge._extensions import extension
-from cornerforge._locks import claims
+from cornerforge._options import verb
 from cornerforge.analysis.crash_types import CRASH_TYPES
 from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.errors import InputError
-from cornerforge.execution.progress import NO_PROGRESS, Progress
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import code_hash, provenance, version, write_json
 from cornerforge.experiment.setting import Experiment, check_threads, experiment
@@ -27,7 +26,7 @@ from cornerforge.rates.plain import ASKED, ENOUGH_TO_FORESEE, PlainTests, cost_o
 from cornerforge.rates.splitting import TREES, PickedCrash, Splitting, kind_rates
 from cornerforge.results import NaturalRate, as_json
 from cornerforge.results.driving import Effort
-from cornerforge.world_options import AvKeywords, WorldOptions
+from cornerforge.verbs.options.driving import Rate
 
 __all__ = ["rate", "why_only_counting"]
 
@@ -36,42 +35,13 @@ PLAIN_TESTS = 4 * BLOCK
 _TREES_TAKE_S = 300.0
 _TREES_TAKE_TESTS = 1_000_000
 """For an AV from outside: so many plain tests last as long."""
+_MANY_TESTS = 10_000_000
 _NO_CRASH = "no tree found a crash, so rate and interval are those of the plain tests"
 
 
-@checked
-@claims()
-def rate(
-    *,
-    method: str = "auto",
-    target_rhw: float = 0.3,
-    max_tests: int = 1_000_000,
-    model_draws: int = 0,
-    out: Path | str | None = None,
-    resume: bool = False,
-    seed: int = 0,
-    threads: int | None = None,
-    progress: Progress = NO_PROGRESS,
-    **world: Unpack[AvKeywords],
-) -> NaturalRate:
+@verb(Rate)
+def rate(options: Rate) -> NaturalRate:
     """Measure the AV's natural crash rate in 400 m tests, without bias.
-
-    Args:
-        method: "mc", plain Monte Carlo; "splitting", trees of tests (`rates.branching`), for rates below 1e-5; "is",
-            importance sampling (`rates.branching.tilt`), which makes no copies of worlds; "auto" begins with plain
-            tests and goes on with trees if more of them would take longer.
-        target_rhw: Stop when half the 95 % interval is at most this share of the rate, 0.001 to 10. The interval is
-            exact for "mc"; for the two others it holds however often one looks, and they stop only without doubts.
-        max_tests: Largest number of tests; trees, those of teaching too, count as one each.
-        model_draws: Measure the rate again in so many models drawn about the one in use, 5 or more, for an interval
-            with the model's own uncertainty; 0: the interval is of sampling alone.
-        out: Folder for `rate.json`, the counts so far, and a library of crashes: `library/` if they are counted, else
-            `weighted/`. None keeps nothing.
-        resume: Go on with that folder, after an end, an interrupt or a kill.
-        seed: 0 or more.
-        threads: None for all cores; does not change the result.
-        progress: Told how far it is.
-        world: The world, keyword by keyword; see `WorldOptions`.
 
     Returns:
         What `cornerforge rate --json` prints: the rate, its precision and cost, and what kinds of crash there were.
@@ -81,53 +51,59 @@ def rate(
         CornerForgeError: Input, files or output place are not right.
         KeyboardInterrupt: Interrupted; with `out`, all finished blocks are kept.
     """
-    check_in("method", method, ("auto", "mc", "is", "splitting"))
-    check_integer("seed", seed, low=0, high=2**63 - 1)
-    check_integer("max_tests", max_tests, low=1, high=10**12)
-    check_number("target_rhw", target_rhw, low=1e-3, high=10.0)
-    if resume and out is None:
+    if options.resume and options.out is None:
         raise InputError("There is nothing to resume without out; name the folder: --out FOLDER --resume")
-    run = experiment(WorldOptions(**world), takes_foreign=True, seed=seed)
-    if model_draws:
-        extension("model draws").check_model_draws(model_draws, run.model)
-    only_mc = why_only_counting(max_tests)
-    if method in ("is", "splitting") and only_mc is not None:
-        raise InputError(f"Method {method} cannot be used: {only_mc}")
-    folder = None if out is None else Path(out)
-    session = PlainTests(run, seed, folder, threads=check_threads(threads), progress=progress)
-    identity = {**run.identity(seed), "method": method, "cornerforge": version(), "code": code_hash()}
+    if options.out is None and options.max_tests > _MANY_TESTS:
+        warnings.warn(
+            f"Nothing of up to {options.max_tests:,} tests survives a stop; --out FOLDER keeps them.", stacklevel=2
+        )
+    run = experiment(options.world(), takes_foreign=True, seed=options.seed)
+    if options.model_draws:
+        extension("model draws").check_model_draws(options.model_draws, run.model)
+    only_mc = why_only_counting(options.max_tests)
+    if options.method in ("is", "splitting") and only_mc is not None:
+        raise InputError(f"Method {options.method} cannot be used: {only_mc}")
+    folder = None if options.out is None else Path(options.out)
+    session = PlainTests(run, options.seed, folder, threads=check_threads(options.threads), progress=options.progress)
+    identity = {**run.identity(options.seed), "method": options.method, "cornerforge": version(), "code": code_hash()}
     forecast(
-        run, threads, f"{max_tests:,} tests", tests=max_tests, bound="up to ",
+        run, options.threads, f"{options.max_tests:,} tests", tests=options.max_tests, bound="up to ",
         advice="If that is too long: --max-tests, or run --hours, which counts as many as fit.",
     )  # fmt: skip
-    session.start(identity, resume=resume)
+    session.start(identity, resume=options.resume)
     split: Splitting | None = None
-    if method == "mc" or only_mc is not None:
-        session.reason = ASKED if method == "mc" else only_mc or ""
-        summary = _count(session, target_rhw, max_tests)
+    if options.method == "mc" or only_mc is not None:
+        session.reason = ASKED if options.method == "mc" else only_mc or ""
+        summary = _count(session, options.target_rhw, options.max_tests)
     else:
         with kept_if_interrupted(session):
-            state = session.drive(target_rhw, PLAIN_TESTS)
-        wanted = "plain tests are enough" if state == "target" else _why_counting(run, session.counts, target_rhw)
-        if method == "auto" and wanted is not None:
+            state = session.drive(options.target_rhw, PLAIN_TESTS)
+        wanted = (
+            "plain tests are enough" if state == "target" else _why_counting(run, session.counts, options.target_rhw)
+        )
+        if options.method == "auto" and wanted is not None:
             session.reason = wanted
-            summary = _count(session, target_rhw, max_tests)
+            summary = _count(session, options.target_rhw, options.max_tests)
         else:
-            reason = _why_trees(session.counts) if method == "auto" else ASKED
+            reason = _why_trees(session.counts) if options.method == "auto" else ASKED
             split = Splitting(
-                run, seed, folder, threads=run.processes(threads), progress=progress, tilted=method == "is"
+                run,
+                options.seed,
+                folder,
+                threads=run.processes(options.threads),
+                progress=options.progress,
+                tilted=options.method == "is",
             )
-            summary = _split(session, split, reason, target_rhw, max_tests)
-            if folder is not None:
-                write_json(folder / "rate.json", as_json(summary))
-    if model_draws:
+            summary = _split(session, split, reason, options.target_rhw, options.max_tests)
+    summary = replace(summary, target_rhw=options.target_rhw)
+    if options.model_draws:
         summary = extension("model draws").with_model_draws(
-            summary, run, model_draws=model_draws, seed=seed, out=folder, threads=check_threads(threads),
-            progress=progress, by_trees=None if split is None else split.branching,
+            summary, run, model_draws=options.model_draws, seed=options.seed, out=folder,
+            threads=check_threads(options.threads), progress=options.progress,
+            by_trees=None if split is None else split.branching,
         )  # fmt: skip
-        if folder is not None:
-            write_json(folder / "rate.json", as_json(summary))
     if folder is not None:
+        write_json(folder / "rate.json", as_json(summary))
         write_json(folder / "provenance.json", provenance(identity, summary.seconds))
     run.rest()  # importing torch may keep this frame, and what it holds, until memory is tidied
     return summary

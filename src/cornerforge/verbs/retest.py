@@ -8,14 +8,12 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
-from cornerforge._locks import claims
+from cornerforge._options import verb
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.execution.progress import NO_PROGRESS, Progress
 from cornerforge.experiment.forecast import forecast
@@ -35,7 +33,8 @@ from cornerforge.sim import (
     simulate_chunks,
 )
 from cornerforge.verbs.cases import SEVERAL
-from cornerforge.verbs.drive_case import CaseDriver, check_count, driven_with, strikes
+from cornerforge.verbs.drive_case import CaseDriver, driven_with, strikes
+from cornerforge.verbs.options.cases import Retest
 from cornerforge.verbs.retest_case_files import (
     FILES_RULE,
     file_says,
@@ -46,12 +45,10 @@ from cornerforge.verbs.retest_case_files import (
 from cornerforge.verbs.retest_files import write_junit
 from cornerforge.verbs.retest_pairs import RULE, Driven, pairs_of
 from cornerforge.verbs.stored_cases import drive_as_recorded, run_with
-from cornerforge.world_options import AvAloneKeywords, WorldOptions
+from cornerforge.world_options import WorldOptions
 
-__all__ = ["retest", "retest_text"]
+__all__ = ["retest"]
 
-_LISTED = 10
-"""Cases that the text names, at most."""
 _BLOCK = 2_048
 """Natural tests between two looks at the verdict."""
 FIXED, STILL, NEW, NEVER, FAILED = "fixed", "still crashing", "new", "never", "failed"
@@ -60,39 +57,13 @@ _NO, _YES, _UNKNOWN = 0, 1, -1
 """Did an AV crash in a test?"""
 
 
-@checked
-@claims()
-def retest(
-    library: Path | str,
-    *,
-    baseline: str | None = None,
-    natural_tests: int | None = None,
-    junit: Path | str | None = None,
-    page: Path | str | None = None,
-    count: str = "any",
-    seed: int = 0,
-    threads: int | None = None,
-    progress: Progress = NO_PROGRESS,
-    **world: Unpack[AvAloneKeywords],
-) -> Retested:
+@verb(Retest)
+def retest(options: Retest) -> Retested:
     """Drive another AV through the cases of a library, and say what it crashes in that the old one did not.
 
     The cases are driven twice. *As recorded*: every other vehicle that was stored does what it did, whatever the AV
     does. *Reacting*: the tests of the library are driven anew with the same random numbers, so the others see the new
     AV; this covers all tests of the library, not only those that became cases.
-
-    Args:
-        library: The library's folder.
-        baseline: AV to compare with; None: the AV that made the library, as its cases tell.
-        natural_tests: Natural tests that both drive, for their natural rates; None: 10,000 with a baseline, else none.
-        junit: New file for machines that run tests: JUnit XML.
-        page: New file, .html: the answer, and both versions side by side in the same cases (extra `report`).
-        count: Which crashes count in case files: "any", or "av": those in which the AV strikes, alone or as the other
-            does.
-        seed: Of the natural tests.
-        threads: None for all cores; does not change the result.
-        progress: Told how far it is.
-        world: `av`, and how an AV from outside is asked; the road and the model are those of the library.
 
     Returns:
         What `cornerforge retest --json` prints. `got_worse` is True if a sequential test says that it crashes more
@@ -102,41 +73,45 @@ def retest(
         CornerForgeError: The library, an AV or a file cannot be read or written, or an AV fails too often.
     """
     began = time.perf_counter()
-    check_integer("seed", seed, low=0, high=2**63 - 1)
-    check_count(count)
-    files = [Path(file) for file in (junit, page) if file is not None]
+    files = [Path(file) for file in (options.junit, options.page) if file is not None]
     for index, file in enumerate(files):
         if file.absolute() in [other.absolute() for other in files[:index]]:
             raise InputError(f"{file} is named for two files; give each its own name.")
         check_new_file(file)
-    if page is not None:
+    if options.page is not None:
         check_page()
-    place = Path(library)
+    place = Path(options.library)
     is_of_files = holds_case_files(place)
-    options = WorldOptions(**world)
-    natural_tests = _natural_tests(place if is_of_files else None, options.av, baseline, natural_tests)
-    if baseline is not None and baseline == options.av:
-        raise InputError(f"{baseline} is both the AV and the baseline, so there is nothing to compare; name another.")
-    n_threads = check_threads(threads)
+    world = options.world()
+    natural_tests = _natural_tests(place if is_of_files else None, world.av, options.baseline, options.natural_tests)
+    if options.baseline is not None and options.baseline == world.av:
+        raise InputError(
+            f"{options.baseline} is both the AV and the baseline, so there is nothing to compare; name another."
+        )
+    n_threads = check_threads(options.threads)
     pairs: Callable[[], Sequence[Pair]]
     if is_of_files:
-        result, found = _retest_files(place, options, baseline, count, page is not None, progress)
+        result, found = _retest_files(
+            place, world, options.baseline, options.count, options.page is not None, options.progress
+        )
         pairs = lambda: found  # noqa: E731
-        rule, identity = FILES_RULE, {"cases": str(library), "av": options.av, "seed": seed}
-    elif count != "any":
-        raise InputError(f"count = {count!r} is for case files; {place} is a library. Leave it out.")
+        rule, identity = FILES_RULE, {"cases": str(options.library), "av": world.av, "seed": options.seed}
+    elif options.count != "any":
+        raise InputError(f"count = {options.count!r} is for case files; {place} is a library. Leave it out.")
     else:
-        cases = _opened(place, baseline)
-        new = run_with(cases, options, options.av)
-        old = None if baseline is None else run_with(cases, options, baseline)
-        result, pairs = _retest_library(cases, new, old, natural_tests, seed, n_threads, progress)
-        rule, identity = RULE, {"library": config_hash(cases.identity), **new.identity(seed)}
+        cases = _opened(place, options.baseline)
+        new = run_with(cases, world, world.av)
+        old = None if options.baseline is None else run_with(cases, world, options.baseline)
+        result, pairs = _retest_library(cases, new, old, natural_tests, options.seed, n_threads, options.progress)
+        rule, identity = RULE, {"library": config_hash(cases.identity), **new.identity(options.seed)}
     took = round(time.perf_counter() - began, 3)
-    result = replace(result, library=str(library), av=options.av, baseline=baseline or result.baseline, seconds=took)
-    if junit is not None:
-        write_junit(Path(junit), result)
-    if page is not None:
-        write_comparison(Path(page), result, pairs(), rule, provenance(identity, took))
+    result = replace(
+        result, library=str(options.library), av=world.av, baseline=options.baseline or result.baseline, seconds=took
+    )
+    if options.junit is not None:
+        write_junit(Path(options.junit), result)
+    if options.page is not None:
+        write_comparison(Path(options.page), result, pairs(), rule, provenance(identity, took))
     return result
 
 
@@ -456,58 +431,3 @@ def _crashes(
         done += out.code.size
         progress(what, done, tests)
     return crashed
-
-
-def retest_text(r: Retested) -> str:
-    """Tell the result in text."""
-    lines = [f"{r.av} in the {r.cases:,} cases of {r.baseline} ({r.library}):"]
-    for what, part in (("others as recorded", r.recorded), ("others who react", r.reacting), ("natural", r.natural)):
-        if part is None:
-            continue
-        told = (
-            f"  {what}, {part.tests:,} {'cases' if part is r.recorded else 'tests'}: {part.baseline_crashes:,} crashes "
-            f"before, {part.av_crashes:,} now; fixed {part.fixed:,}, still crashing {part.still_crashing:,}, new "
-            f"{part.new_crashes:,}"
-        )
-        if part.left_out:
-            told += f"; left out {part.left_out:,} in which an AV failed"
-        if part.rate_difference is not None and part.interval95 is not None and part.verdict is not None:
-            low, high = part.interval95
-            told += f"; difference {part.rate_difference:+.4g} per test ({low:+.4g} to {high:+.4g}); "
-            told += _WORDS[part.verdict]
-        lines.append(told)
-    if r.note is not None:
-        lines.append(f"  {r.note}")
-    lines += _named(r)
-    lines.append("It got WORSE." if r.got_worse else "It did not get worse, as far as these tests can tell.")
-    return "\n".join(lines)
-
-
-def _named(r: Retested) -> list[str]:
-    """Name the cases that matter: new crashes, failures of the AV, and crashes that do not count."""
-    fresh = [one for one in r.each if NEW in (one.recorded, one.reacting)]
-    lines = _listed("New crashes", fresh)
-    if struck := sum(one.striker == "bv" for one in fresh):
-        lines.append(f"  In {struck:,} of {len(fresh):,} another vehicle strikes the AV; --count av leaves such out.")
-    lines += _listed("The AV failed", [one for one in r.each if one.failure is not None])
-    gone = [one for one in r.each if one.striker is not None and one.recorded in (FIXED, NEVER)]
-    return lines + _listed("Not counted, as another vehicle strikes the AV", gone)
-
-
-def _listed(what: str, cases: Sequence[RetestedCase]) -> list[str]:
-    """List the first ten of some cases, with what happened in them where that is known."""
-    if not cases:
-        return []
-    more = ", ..." if len(cases) > _LISTED else ""
-    if all(one.words is None and one.failure is None for one in cases):
-        return [f"  {what} in cases: {', '.join(one.case for one in cases[:_LISTED])}{more}"]
-    told = [f"    {one.case}: {one.failure or one.words}" for one in cases[:_LISTED]]
-    return [f"  {what} in {len(cases):,} case{'s' if len(cases) > 1 else ''}:", *told, *(["    ..."] if more else [])]
-
-
-_WORDS = {
-    "worse": "it crashes more often",
-    "better": "it crashes less often",
-    "alike": "alike, within a factor of two",
-    "open": "too few tests differ to tell",
-}

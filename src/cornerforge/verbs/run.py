@@ -5,14 +5,13 @@ from __future__ import annotations
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any
 
-from cornerforge._arguments import checked
-from cornerforge._checks import check_in, check_integer, check_number
-from cornerforge._locks import claims
+from cornerforge._checks import check_in, check_integer
+from cornerforge._options import verb
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.errors import InputError
-from cornerforge.execution.progress import NO_PROGRESS, Progress, begin_part
+from cornerforge.execution.progress import begin_part
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import code_hash, config_hash, open_output, version
 from cornerforge.experiment.policy_file import load_policy
@@ -21,6 +20,7 @@ from cornerforge.library.filling import fill_library
 from cornerforge.results import Analysed, Filled, NaturalRate, RunDone
 from cornerforge.results.rates import Yield
 from cornerforge.verbs.analyse import analyse
+from cornerforge.verbs.options.whole import Run
 from cornerforge.verbs.rate import rate, why_only_counting
 from cornerforge.verbs.stages import (
     ANALYSED_FILES,
@@ -41,7 +41,6 @@ from cornerforge.verbs.stages import (
     write_exposure,
 )
 from cornerforge.verbs.train import checkpoint_beside, evaluate
-from cornerforge.world_options import WorldKeywords, WorldOptions
 
 __all__ = ["EFFORTS", "Effort", "run"]
 
@@ -113,36 +112,9 @@ def _identity(plain: Experiment, effort: str, config: TrainConfig, seed: int) ->
     }
 
 
-@checked
-@claims()
-def run(
-    *,
-    effort: str | None = None,
-    hours: float | None = None,
-    stand_in: str = STAND_IN,
-    out: Path | str = "cornerforge-out",
-    reward: str = "crash",
-    resume: bool = False,
-    seed: int = 0,
-    threads: int | None = None,
-    progress: Progress = NO_PROGRESS,
-    **world: Unpack[WorldKeywords],
-) -> RunDone:
+@verb(Run)
+def run(options: Run) -> RunDone:
     """Do the whole job: natural traffic, natural crash rate, training, cases, analyses, report.
-
-    Args:
-        effort: "quick", "standard" or "paper" (see `EFFORTS`); None: "quick", unless there are `hours`.
-        hours: Time for all of it [h], 0.001 to 1000, instead of an effort: what fits is chosen by the clock, so results
-            depend on the machine's speed. Counts are stored when they are chosen; the same counts and seed give the
-            same results. For slow AVs.
-        stand_in: Built-in AV that the adversary learns against when `hours` are too few to learn against the AV.
-        out: Folder for everything; must be new or empty unless `resume`.
-        reward: Which crashes the adversary is paid for, as for `train`.
-        resume: Go on with what is in `out`; finished stages are kept, and an unfinished training too.
-        seed: 0 or more.
-        threads: None for all cores; does not change the result.
-        progress: Told how far it is.
-        world: The world, keyword by keyword; see `WorldOptions`.
 
     Returns:
         What `cornerforge run --json` prints, and `summary.json` holds: the result of each stage.
@@ -151,105 +123,134 @@ def run(
         CornerForgeError: Input, files or output place are not right.
     """
     start = time.perf_counter()
-    folder = Path(out)
-    if hours is not None:
-        check_number("hours", hours, low=0.001, high=1000.0, unit="h")
-        if effort is not None:
-            raise InputError(f"effort = {effort} and hours = {hours:g} exclude each other; leave one out.")
-    elif stand_in != STAND_IN:
-        raise InputError(f"stand_in = {stand_in!r} has no effect without hours: --hours H --stand-in {stand_in}")
-    effort = check_in("effort", effort or "quick", tuple(EFFORTS))
+    folder = Path(options.out)
+    if options.hours is not None:
+        if options.effort is not None:
+            raise InputError(
+                f"effort = {options.effort} and hours = {options.hours:g} exclude each other; leave one out."
+            )
+    elif options.stand_in != STAND_IN:
+        raise InputError(
+            f"stand_in = {options.stand_in!r} has no effect without hours: --hours H --stand-in {options.stand_in}"
+        )
+    effort = check_in("effort", options.effort or "quick", tuple(EFFORTS))
     size = EFFORTS[effort]
-    config = _train_config(size, reward)
-    check_integer("seed", seed, low=0, high=2**32 - 1)
-    check_threads(threads)
-    options = WorldOptions(**world)
-    if hours is not None:
+    config = _train_config(size, options.reward)
+    check_integer("seed", options.seed, low=0, high=2**32 - 1)
+    check_threads(options.threads)
+    world = options.world()
+    if options.hours is not None:
         from cornerforge.verbs.spend import spend
 
         return spend(
-            options, hours=hours, stand_in=stand_in, folder=folder, reward=reward, resume=resume, seed=seed,
-            threads=threads, progress=progress,
+            world, hours=options.hours, stand_in=options.stand_in, folder=folder, reward=options.reward,
+            resume=options.resume, seed=options.seed, threads=options.threads, progress=options.progress,
         )  # fmt: skip
-    unmasked = options.without_mask()
-    natural = experiment(unmasked, takes_foreign=True, seed=seed)
-    plain = experiment(options, bv="uniform", takes_foreign=True, seed=seed)
+    unmasked = world.without_mask()
+    natural = experiment(unmasked, takes_foreign=True, seed=options.seed)
+    plain = experiment(world, bv="uniform", takes_foreign=True, seed=options.seed)
     natural_tests = size.natural_tests if natural.foreign is None else round(_OUTSIDE * size.natural_tests)
-    identity = _identity(plain, effort, config, seed)
-    open_output(folder, identity, resume=resume)
+    identity = _identity(plain, effort, config, options.seed)
+    open_output(folder, identity, resume=options.resume)
     forecast(
-        natural, threads, "all that this effort asks for", decisions=size.decisions,
+        natural, options.threads, "all that this effort asks for", decisions=size.decisions,
         tests=size.nde_tests + min(natural_tests, 262_144) + 8 * size.evaluation_tests + size.exposure_tests,
         bound="at least ", advice="If that is too long: --hours H does what fits into H hours.",
     )  # fmt: skip
     for one in (natural, plain):
         one.keep_printed(folder / AV_LOG)
-    once = Stages(folder, progress, of=_STAGES).do
-    nde = once("nde", Counted, lambda: count(natural, size.nde_tests, 0, seed, threads, progress, "natural traffic"))
+    once = Stages(folder, options.progress, of=_STAGES).do
+    nde = once(
+        "nde",
+        Counted,
+        lambda: count(natural, size.nde_tests, 0, options.seed, options.threads, options.progress, "natural traffic"),
+    )
     natural.rest()
     often = once(
         "natural",
         NaturalRate,
         lambda: rate(
             method=_natural_method(natural, natural_tests), target_rhw=size.natural_rhw, max_tests=natural_tests,
-            out=folder / "natural", resume=True, seed=seed, threads=threads, progress=progress,
+            out=folder / "natural", resume=True, seed=options.seed, threads=options.threads, progress=options.progress,
             **unmasked.av_keywords(),
         ),
     )  # fmt: skip
     natural_cases = once(
         "natural_cases",
         NaturalCases,
-        lambda: analyse_natural(often, folder / "natural", seed, progress),
+        lambda: analyse_natural(often, folder / "natural", options.seed, options.progress),
         natural_files(often),
     )
-    checkpoint = checkpoint_beside(folder / "policy.safetensors", plain, config, seed)
+    checkpoint = checkpoint_beside(folder / "policy.safetensors", plain, config, options.seed)
     trained = once(
         "train",
         TrainedStage,
-        lambda: train_stage(plain, config, checkpoint, folder, seed, threads, progress),
+        lambda: train_stage(plain, config, checkpoint, folder, options.seed, options.threads, options.progress),
         TRAINING_FILES,
     )
     checkpoint.remove()
     policy = load_policy(folder / "policy.safetensors")
-    hostile = experiment(unmasked, policy=policy, takes_foreign=True, seed=seed)
+    hostile = experiment(unmasked, policy=policy, takes_foreign=True, seed=options.seed)
     hostile.keep_printed(folder / AV_LOG)
     evaluation = once(
         "evaluate",
         Yield,
         lambda: evaluate(
-            hostile, tests=size.evaluation_tests, seed=seed, reward=reward, threads=threads, progress=progress
+            hostile,
+            tests=size.evaluation_tests,
+            seed=options.seed,
+            reward=options.reward,
+            threads=options.threads,
+            progress=options.progress,
         ),
     )
     baselines = once(
         "baselines",
         PlainRates,
-        lambda: plain_rates(plain, size.evaluation_tests, reward, seed, threads, progress),
+        lambda: plain_rates(
+            plain, size.evaluation_tests, options.reward, options.seed, options.threads, options.progress
+        ),
     )
     exposed = once(
         "exposure",
         Counted,
-        lambda: count(hostile, size.exposure_tests, EXPOSURE_TESTS_START, seed, threads, progress, "exposure"),
+        lambda: count(
+            hostile,
+            size.exposure_tests,
+            EXPOSURE_TESTS_START,
+            options.seed,
+            options.threads,
+            options.progress,
+            "exposure",
+        ),
     )
     write_exposure(folder, nde, exposed)
     filled = once(
         "generate",
         Filled,
         lambda: fill_library(
-            hostile, folder / "library", seed=seed, cases=size.cases, threads=threads, resume=True, progress=progress
+            hostile,
+            folder / "library",
+            seed=options.seed,
+            cases=size.cases,
+            threads=options.threads,
+            resume=True,
+            progress=options.progress,
         ),
         LIBRARY_FILES,
     )
     analysed = once(
         "analyse",
         Analysed,
-        lambda: analyse(folder / "library", out=folder / "analysis", seed=seed, progress=progress),
+        lambda: analyse(folder / "library", out=folder / "analysis", seed=options.seed, progress=options.progress),
         ANALYSED_FILES,
     )
-    begin_part(progress, _STAGES, _STAGES)
+    begin_part(options.progress, _STAGES, _STAGES)
     return finish(
         Finished(
             effort=effort, nde=nde, natural=often, natural_cases=natural_cases, trained=trained, reached=evaluation,
             baselines=baselines, filled=filled, analysed=analysed,
         ),
-        identity, folder, mask=plain, av=options.av, seed=seed, reward=reward, begun=start, progress=progress,
+        identity, folder, mask=plain, av=world.av, seed=options.seed, reward=options.reward, begun=start,
+        progress=options.progress,
     )  # fmt: skip

@@ -9,14 +9,14 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any
 
-from cornerforge._arguments import checked
-from cornerforge._locks import claim_folder, claims
+from cornerforge._locks import claim_folder
+from cornerforge._options import verb
 from cornerforge.analysis.shrink import Shrunk
 from cornerforge.analysis.shrink import shrink as shrink_script
 from cornerforge.errors import CornerForgeError, InputError, ReplayError
-from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge.execution.progress import Progress
 from cornerforge.experiment.output import code_hash, config_hash, provenance, version, write_json
 from cornerforge.experiment.setting import Experiment
 from cornerforge.library import CaseLibrary, CaseRecord, StoredCase, case_record
@@ -28,9 +28,9 @@ from cornerforge.results.cases import CaseMedians, CaseSize, MedianSize, ShrunkC
 from cornerforge.sim import Script, ScriptDriver
 from cornerforge.types import Scenario
 from cornerforge.verbs.cases import driver_of_cases, experiment_of, is_same
-from cornerforge.world_options import AvProcessKeywords
+from cornerforge.verbs.options.cases import Shrink
 
-__all__ = ["shrink", "shrink_text"]
+__all__ = ["shrink"]
 
 _SHARD_CASES = 100
 _COMMIT_SECONDS = 20.0
@@ -45,29 +45,11 @@ _MEASURES = {
 _LABELS = ("crash_type", "striker", "cause")
 
 
-@checked
-@claims()
-def shrink(
-    library: Path | str,
-    cases: Sequence[str] | str,
-    *,
-    out: Path | str | None = None,
-    resume: bool = False,
-    progress: Progress = NO_PROGRESS,
-    **asked: Unpack[AvProcessKeywords],
-) -> ShrunkLibrary:
+@verb(Shrink)
+def shrink(options: Shrink) -> ShrunkLibrary:
     """Make cases as small as possible: fewest vehicles, shortest window, most natural actions, the same crash.
 
     Where the other vehicles are on rails, as in imported cases, only vehicles and the window can become fewer.
-
-    Args:
-        library: The library's folder; its cases may be shrunk already.
-        cases: Case ids, in any order, or "all".
-        out: Folder of the library of shrunk cases, new or empty unless `resume`; cases keep their names. None: beside
-            the library, named after it and the case; for one case only.
-        resume: Go on with the library of an earlier call, finished or ended by Ctrl-C.
-        progress: Told how far it is.
-        asked: In what an AV that is not built in runs, and its time for an answer; see `WorldOptions`.
 
     Returns:
         What `cornerforge shrink --json` prints: each case before and after, and medians.
@@ -77,15 +59,15 @@ def shrink(
             a row.
     """
     began = time.perf_counter()
-    source = CaseLibrary.open(Path(library))
-    ids = _ids(source, [cases] if isinstance(cases, str) else cases)
-    place = _place(Path(library), ids) if out is None else Path(out)
+    source = CaseLibrary.open(Path(options.library))
+    ids = _ids(source, [options.cases] if isinstance(options.cases, str) else options.cases)
+    place = _place(Path(options.library), ids) if options.out is None else Path(options.out)
     claim_folder(place)
-    run = experiment_of(source, **asked)
+    run = experiment_of(source, options)
     _check_same(source.scenario(ids[0]), driver_of_cases(run))  # a case that does not replay fails before out is made
-    shrunk = _open(source, run, place, resume=resume)
+    shrunk = _open(source, run, place, resume=options.resume)
     left = _left(shrunk, ids)
-    _fill(source, run, shrunk, left, progress)
+    _fill(source, run, shrunk, left, options.progress)
     rows = _rows(shrunk, ids)
     seconds = round(time.perf_counter() - began, 3)
     write_json(place / "provenance.json", provenance(shrunk.identity, seconds))
@@ -261,18 +243,3 @@ def _medians(rows: Sequence[ShrunkCase]) -> CaseMedians:
 def _median(sizes: Sequence[CaseSize]) -> MedianSize:
     names = [one.name for one in fields(MedianSize)]
     return MedianSize(**{name: float(statistics.median(getattr(size, name) for size in sizes)) for name in names})
-
-
-def shrink_text(r: ShrunkLibrary) -> str:
-    """Tell the result in text: a line for each case and, if there are several, a line of medians."""
-    lines = [f"Case {c.case}, {c.crash_type}: {_change(c.before, c.after)}" for c in r.cases]
-    if len(lines) > 1:
-        lines.append(f"Median of {len(lines)} cases: {_change(r.median.before, r.median.after)}")
-    return "\n".join([*lines, f"Library: {r.library}"])
-
-
-def _change(before: CaseSize | MedianSize, after: CaseSize | MedianSize) -> str:
-    return (
-        f"{before.vehicles:g} -> {after.vehicles:g} vehicles, {before.seconds:g} -> {after.seconds:g} s, "
-        f"{before.deviating_actions:g} -> {after.deviating_actions:g} deviating actions"
-    )

@@ -2,53 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Unpack
 
-from cornerforge._arguments import checked
-from cornerforge._checks import check_integer
-from cornerforge._locks import claims
+from cornerforge._arguments import is_several
+from cornerforge._options import verb
 from cornerforge.errors import InputError
-from cornerforge.execution.progress import NO_PROGRESS, Progress
 from cornerforge.experiment.counting import simulate_experiment, tally_summary
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.setting import experiment
 from cornerforge.results import Simulated
-from cornerforge.world_options import WorldKeywords, WorldOptions
+from cornerforge.verbs.options.driving import Simulate
 
 __all__ = ["simulate"]
 
 
-@checked
-@claims()
-def simulate(
-    *,
-    tests: int,
-    bv: str | Path | Sequence[str | Path] = "nde",
-    acting: str = "greedy",
-    stats: bool = False,
-    out: Path | str | None = None,
-    resume: bool = False,
-    seed: int = 0,
-    threads: int | None = None,
-    progress: Progress = NO_PROGRESS,
-    **world: Unpack[WorldKeywords],
-) -> Simulated:
+@verb(Simulate)
+def simulate(options: Simulate) -> Simulated:
     """Run tests of an AV; crashes are counted, and stored only when `out` names a library.
-
-    Args:
-        tests: How many tests (drives of 400 m), at least 1.
-        bv: How background vehicles drive: "nde", "idm", a plain adversary's name, or a policy file; several files:
-            each test is driven by one of these policies, drawn at random.
-        acting: How a policy acts: "greedy", or "softmax:T" to draw actions by exp(Q / T).
-        stats: Add distributions over all BVs at decision times.
-        out: Library in which crashes are stored; None to store none.
-        resume: Go on with the library `out`.
-        seed: 0 or more.
-        threads: None for all cores; does not change the result.
-        progress: Told how far it is.
-        world: The world, keyword by keyword; see `WorldOptions`.
 
     Returns:
         What `cornerforge simulate --json` prints: counts, the crash rate, and with `stats` the distributions.
@@ -56,19 +27,22 @@ def simulate(
     Raises:
         CornerForgeError: Input, files or output place are not right.
     """
-    check_integer("tests", tests, low=1, high=10**12)
-    check_integer("seed", seed, low=0, high=2**63 - 1)
-    if resume and out is None:
+    if options.resume and options.out is None:
         raise InputError("There is nothing to resume without out; name the folder: --out FOLDER --resume")
-    run = experiment(WorldOptions(**world), bv=bv, acting=acting, takes_foreign=True, seed=seed)
-    forecast(run, threads, f"driving {tests:,} tests", tests=tests)
-    if out is not None:
+    run = experiment(options.world(), bv=options.bv, acting=options.acting, takes_foreign=True, seed=options.seed)
+    forecast(run, options.threads, f"driving {options.tests:,} tests", tests=options.tests)
+    if options.out is not None:
         from cornerforge.library.filling import store_tests  # here, because it loads pyarrow
 
-        return store_tests(
-            run, Path(out), tests=tests, seed=seed, threads=threads, counting=stats, resume=resume, progress=progress
-        )
-    tally, seconds = simulate_experiment(
-        run, tests=tests, seed=seed, threads=threads, counting=stats, progress=progress
-    )
-    return tally_summary(tally, seconds, with_distributions=stats)
+        found = store_tests(
+            run, Path(options.out), tests=options.tests, seed=options.seed, threads=options.threads,
+            counting=options.stats, resume=options.resume, progress=options.progress,
+        )  # fmt: skip
+    else:
+        tally, seconds = simulate_experiment(
+            run, tests=options.tests, seed=options.seed, threads=options.threads, counting=options.stats,
+            progress=options.progress,
+        )  # fmt: skip
+        found = tally_summary(tally, seconds, with_distributions=options.stats)
+    named = options.bv if is_several(options.bv) else [options.bv]
+    return replace(found, av=run.av.name, bv=tuple(map(str, named)))

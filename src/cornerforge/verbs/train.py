@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cornerforge._arguments import checked
-from cornerforge._checks import check_integer, check_number
-from cornerforge._locks import claims
+from cornerforge._options import verb
 from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.verdicts import count_paid, verdict_of
@@ -30,7 +28,7 @@ from cornerforge.results import Trained
 from cornerforge.results.learning import Baseline
 from cornerforge.results.rates import Yield
 from cornerforge.sim import ADVERSARIES, NO_CAST, Tally, crashed_tests, simulate_chunks
-from cornerforge.world_options import WorldKeywords, WorldOptions
+from cornerforge.verbs.options.learning import Train
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -294,47 +292,12 @@ def measure_baselines(
     return tuple(rates)
 
 
-@checked
-@claims()
-def train(
-    *,
-    out: Path | str,
-    preset: str = "fast",
-    reward: str = "crash",
-    delay: float = 1.0,
-    decisions: int | None = None,
-    minutes: float | None = None,
-    resume: bool = False,
-    tests: int = 8192,
-    seed: int = 0,
-    threads: int | None = None,
-    progress: Progress = NO_PROGRESS,
-    **world: Unpack[WorldKeywords],
-) -> Trained:
+@verb(Train)
+def train(options: Train) -> Trained:
     """Train the adversary (dueling double DQN) and write its policy.
 
     The policy is the one at the end of training; tests are not used to pick one. It and the plain adversaries are
     measured on evaluation tests, which no training and no generation uses.
-
-    Args:
-        out: Policy file, `.safetensors`; must not exist unless `resume`. Date and duration of the training stand in
-            `NAME.provenance.json` beside it, so that the same training gives a policy of the same bytes.
-        preset: "fast" or "paper".
-        reward: Which crashes of the AV give a reward: a name of `adversary.worlds.rewards.REWARDS`;
-            `preventable:DRIVER` names the reference driver.
-        delay: For the reward `avoidable`, and for counting avoidable crashes: the AV's time to react [s].
-        decisions: Length in decisions; None for the preset's. The same seed and decisions give the same weights
-            (PyTorch may round differently on another processor; the weights then differ).
-        minutes: Stop after this time [min], and let the learning rate fall over it; the result then depends on the
-            machine's speed. If `decisions` is given too, the training ends at whichever comes first.
-        resume: Go on with a stopped training of the same command (its state is in `OUT.checkpoint`); the weights are
-            the same as without the stop, unless `minutes` ends it. If `out` holds a finished policy of the same seed,
-            length and world, keep it and only measure it again.
-        tests: Evaluation tests.
-        seed: 0 or more.
-        threads: None for all cores; does not change the weights.
-        progress: Told how far it is.
-        world: The world to learn in, keyword by keyword; see `WorldOptions`.
 
     Returns:
         What `cornerforge train --json` prints: the yield, the yields of plain adversaries, and where the policy is.
@@ -342,66 +305,69 @@ def train(
     Raises:
         CornerForgeError: Input, files or output place are not right.
     """
-    path = Path(out)
-    check_integer("seed", seed, low=0, high=2**63 - 1)
-    check_integer("tests", tests, low=1, high=10**9)
-    config = replace(preset_named(preset), reward=reward, delay_s=delay)
-    if decisions is not None:
-        config = replace(config, decisions=check_integer("decisions", decisions, low=1, high=10**12))
-    if minutes is not None:
-        check_number("minutes", minutes, low=0.01, high=1e5, unit="min")
-        if decisions is None:
-            config = replace(config, decisions=10**12)  # only the time ends it
-    options = WorldOptions(**world)
-    run = experiment(options, bv="uniform", takes_foreign=True, seed=seed)
-    check_new_file(path, overwrite=resume)
-    checkpoint = checkpoint_beside(path, run, config, seed)
+    path = Path(options.out)
+    config = replace(preset_named(options.preset), reward=options.reward, delay_s=options.delay)
+    if options.decisions is not None:
+        config = replace(config, decisions=options.decisions)
+    if options.minutes is not None and options.decisions is None:
+        config = replace(config, decisions=10**12)  # only the time ends it
+    world = options.world()
+    run = experiment(world, bv="uniform", takes_foreign=True, seed=options.seed)
+    check_new_file(path, overwrite=options.resume)
+    checkpoint = checkpoint_beside(path, run, config, options.seed)
     check_new_file(checkpoint.path, overwrite=True)
     check_new_file(provenance_beside(path), overwrite=True)
-    if not resume:
+    if not options.resume:
         checkpoint.check_absent()
     log = path.with_name(f"{path.stem}.{AV_LOG}")
     run.keep_printed(log)
-    kept = resume and path.exists()
+    kept = options.resume and path.exists()
     if kept:
         policy = load_policy(path)
-        _check_same(policy, run, config, seed, path)
+        _check_same(policy, run, config, options.seed, path)
         checkpoint.read()  # only a checkpoint of this training is removed below
         seconds = 0.0
     else:
-        if minutes is None:
+        if options.minutes is None:
             forecast(
-                run, threads, f"training for {config.decisions:,} decisions, and {8 * tests:,} tests for the yields",
-                decisions=config.decisions, tests=8 * tests, advice=STAND_IN_ADVICE,
+                run, options.threads,
+                f"training for {config.decisions:,} decisions, and {8 * options.tests:,} tests for the yields",
+                decisions=config.decisions, tests=8 * options.tests, advice=STAND_IN_ADVICE,
             )  # fmt: skip
         policy, result = learn(
             run,
             config,
-            seed=seed,
-            threads=threads,
-            max_seconds=None if minutes is None else 60.0 * minutes,
-            progress=progress,
+            seed=options.seed,
+            threads=options.threads,
+            max_seconds=None if options.minutes is None else 60.0 * options.minutes,
+            progress=options.progress,
             checkpoint=checkpoint,
         )
-        write_provenance_beside(path, run, result, seed)
+        write_provenance_beside(path, run, result, options.seed)
         save_policy(policy, path)  # last: where it is, a resumed command takes the training for done
         seconds = result.seconds
     checkpoint.remove()
-    trained = experiment(options.without_mask(), policy=policy, takes_foreign=True, seed=seed)
+    trained = experiment(world.without_mask(), policy=policy, takes_foreign=True, seed=options.seed)
     trained.keep_printed(log)
-    measured: dict[str, Any] = {"tests": tests, "seed": seed, "delay_s": delay, "reward": reward, "threads": threads}
+    measured: dict[str, Any] = {
+        "tests": options.tests,
+        "seed": options.seed,
+        "delay_s": options.delay,
+        "reward": options.reward,
+        "threads": options.threads,
+    }
     about: Any = policy.about
     return Trained(
         decisions=about["decisions"],
         updates=about["updates"],
         seconds=round(seconds, 3),
-        preset=preset,
+        preset=options.preset,
         bounded=run.bounded,
         budget=run.budget,
-        reward=reward,
-        delay_s=delay,
-        **vars(evaluate(trained, **measured, progress=progress)),
-        baselines=measure_baselines(run, **measured, progress=progress),
+        reward=options.reward,
+        delay_s=options.delay,
+        **vars(evaluate(trained, **measured, progress=options.progress)),
+        baselines=measure_baselines(run, **measured, progress=options.progress),
         policy_hash=policy_hash(policy),
         kept=kept,
         av_faults=training_faults(run),

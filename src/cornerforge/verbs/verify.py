@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from safetensors import SafetensorError, safe_open
 
-from cornerforge._arguments import checked
 from cornerforge._checksums import NoChecksumError, read_arrays, read_json, read_tensors
 from cornerforge._files import check_regular
 from cornerforge._locks import is_lock
+from cornerforge._options import verb
 from cornerforge._table_checks import read_parquet
 from cornerforge.adversary.checkpoint import CHECKPOINT_KEY
 from cornerforge.errors import CornerForgeError, FileFormatError, InputError
-from cornerforge.execution.progress import NO_PROGRESS, Progress
 from cornerforge.experiment.av_file import load_av
 from cornerforge.experiment.policy_file import load_policy
 from cornerforge.library import CaseLibrary
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.ndd.model import load_model
 from cornerforge.results.whole import DamagedFile, Verified
+from cornerforge.verbs.options.cases import Verify
 
 __all__ = ["verify"]
 
@@ -30,21 +30,17 @@ _NOT_OURS = object()
 """What a reader gives of a file that another program wrote."""
 
 
-@checked
-def verify(paths: Path | str | Sequence[Path | str], *, progress: Progress = NO_PROGRESS) -> Verified:
+@verb(Verify, writes=False)
+def verify(options: Verify) -> Verified:
     """Check that files of cornerforge are as they were written, and that what they hold can be.
 
     Checksums are compared, and values with what the formats allow (docs/formats.md). Pages, pictures, films, logs and
     files for other tools are not read; they are counted.
 
-    Args:
-        paths: Files, or folders, which are searched: models, policies, AVs, libraries, folders of runs and analyses.
-        progress: Is told how many files are done.
-
     Raises:
         InputError: There is nothing at a path.
     """
-    given = [Path(path) for path in ([paths] if isinstance(paths, (str, Path)) else paths)]
+    given = [Path(path) for path in ([options.paths] if isinstance(options.paths, (str, Path)) else options.paths)]
     places: list[Path] = []
     for path in given:
         if not path.exists():
@@ -56,7 +52,7 @@ def verify(paths: Path | str | Sequence[Path | str], *, progress: Progress = NO_
     damaged: list[DamagedFile] = []
     without: list[str] = []
     for done, place in enumerate(places):
-        progress(_STAGE, done, len(places))
+        options.progress(_STAGE, done, len(places))
         found = list(_checked(place))
         other += not found
         for file, fault, has_checksum in found:
@@ -66,7 +62,7 @@ def verify(paths: Path | str | Sequence[Path | str], *, progress: Progress = NO_
                 whole += 1
             else:
                 without.append(str(file))
-    progress(_STAGE, len(places), len(places))
+    options.progress(_STAGE, len(places), len(places))
     return Verified(whole=whole, without_checksum=tuple(without), damaged=tuple(damaged), other=other)
 
 

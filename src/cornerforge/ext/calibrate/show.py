@@ -6,10 +6,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from cornerforge._arguments import checked
-from cornerforge._locks import claims
-from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge._options import verb
 from cornerforge.experiment.output import open_output, write_json
+from cornerforge.ext.calibrate.options import NddShow
 from cornerforge.ndd.model import default_model_path, load_model, model_hash
 from cornerforge.results import NddShown, from_json
 from cornerforge.results.naturalistic import (
@@ -25,17 +24,9 @@ from cornerforge.results.naturalistic import (
 __all__ = ["ndd_show", "show_text"]
 
 
-@checked
-@claims()
-def ndd_show(
-    model: Path | str | None = None, *, out: Path | str | None = None, progress: Progress = NO_PROGRESS
-) -> NddShown:
+@verb(NddShow)
+def ndd_show(options: NddShow) -> NddShown:
     """Key numbers of a model and, where a folder is named, figures of its tables.
-
-    Args:
-        model: Model file; the shipped one by default.
-        out: Folder for the figures (PNG) and `numbers.json`; a folder of the same model is written again.
-        progress: Told how far it is.
 
     Returns:
         What `cornerforge ndd show --json` prints.
@@ -46,18 +37,18 @@ def ndd_show(
     """
     from cornerforge.ext.calibrate.shown import key_numbers
 
-    path = default_model_path() if model is None else Path(model)
+    path = default_model_path() if options.model is None else Path(options.model)
     loaded = load_model(path)
     numbers = {"model": str(path), "model_hash": model_hash(loaded), **key_numbers(loaded)}
     shown = from_json(NddShown, {**numbers, "figures": []})
-    if out is not None:
+    if options.out is not None:
         from cornerforge.ext.calibrate.show_figures import draw_figures, require_matplotlib
 
         require_matplotlib()  # fails before anything is written
-        folder = Path(out)
+        folder = Path(options.out)
         identity = {"command": "ndd show", "model": shown.model_hash}
         open_output(folder, identity, resume=True)
-        progress("show: drawing", 0, 1)
+        options.progress("show: drawing", 0, 1)
         figures = tuple(str(figure) for figure in draw_figures(loaded, folder))
         write_json(folder / "numbers.json", numbers)
         shown = replace(shown, figures=figures)

@@ -11,11 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._arguments import checked
-from cornerforge._checks import check_integer, check_number
 from cornerforge._files import write_bytes
-from cornerforge._locks import claims
-from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge._options import verb
 from cornerforge.experiment.counting import distributions_of
 from cornerforge.experiment.output import open_output, write_json, write_text
 from cornerforge.experiment.setting import experiment
@@ -23,7 +20,6 @@ from cornerforge.ext.calibrate.cut_ins import CUT_IN_FACTS
 from cornerforge.ext.calibrate.facts import CRASH_LIMIT, compare_crashes, compare_with_facts
 from cornerforge.ext.calibrate.free_running import (
     DRIFT_WINDOWS,
-    MILES,
     WHOLE,
     FreeRunning,
     FreeTraffic,
@@ -31,6 +27,7 @@ from cornerforge.ext.calibrate.free_running import (
     simulate_free_running,
     upper_rate,
 )
+from cornerforge.ext.calibrate.options import NddValidate
 from cornerforge.ext.calibrate.persistence import compare_persistence
 from cornerforge.ext.calibrate.transitions import compare_transitions
 from cornerforge.ndd.model import model_hash
@@ -40,7 +37,7 @@ from cornerforge.results.validation import AcceptedGaps, FactFound, LaneChangeRa
 if TYPE_CHECKING:
     from cornerforge.ext.calibrate.compare import SimulatedTraffic
 
-__all__ = ["ndd_validate", "validation_text"]
+__all__ = ["did_not_pass", "ndd_validate", "validation_text"]
 
 THEMES = {
     "drift": (
@@ -75,32 +72,9 @@ _PAGE = "validation.html"
 _CURVES = ("time_gap", "gap", "range_rate", "acceleration_following", "acceleration_free")
 
 
-@checked
-@claims()
-def ndd_validate(
-    model: Path | str,
-    *,
-    against: Sequence[Path | str],
-    data_format: str | None = None,
-    miles: float = MILES,
-    out: Path | str | None = None,
-    seed: int = 0,
-    threads: int | None = None,
-    progress: Progress = NO_PROGRESS,
-) -> NddValidated:
+@verb(NddValidate)
+def ndd_validate(options: NddValidate) -> NddValidated:
     """Compare a model with held-out trajectories and with published facts.
-
-    Args:
-        model: Model file.
-        against: Trajectory files, all of one format. The held-out decisions of a file are scored (all of them if none
-            is held out); the others fit the baselines.
-        data_format: "ngsim", "pairs", "tracks", "tgsim" or "highd"; None to tell it from the columns.
-        miles: Vehicle-miles of free-running traffic, driven for 62 s, at least 100. Below 1,000,000 the bound on
-            crashes cannot be met.
-        out: Folder for `validation.json`, the page `validation.html` and its figures; None to write nothing.
-        seed: Seed of the free-running traffic, 0 or more.
-        threads: None for all cores; does not change the result.
-        progress: Told how far it is.
 
     Returns:
         What `cornerforge ndd validate --json` prints. `passed` means: more likely than the IDM and than
@@ -115,27 +89,27 @@ def ndd_validate(
     from cornerforge.ext.calibrate.validate import reading_names, validate_readings
 
     start = time.perf_counter()
-    check_integer("seed", seed, low=0, high=2**63 - 1)
-    check_number("miles", miles, low=100.0, high=1e9)
-    run = experiment(model=Path(model))
-    progress("validate: reading", 0, 1)
-    readings = read_decisions([Path(file) for file in against], data_format)
-    folder = None if out is None else Path(out)
+    run = experiment(model=Path(options.model))
+    options.progress("validate: reading", 0, 1)
+    readings = read_decisions([Path(file) for file in options.against], options.data_format)
+    folder = None if options.out is None else Path(options.out)
     if folder is not None:
         files = ",".join(sorted(reading.sha256[:16] for reading in readings))
-        _open(folder, run.identity(seed) | {"command": "ndd validate", "miles": miles, "files": files})
-    progress("validate: scoring", 0, 1)
+        _open(folder, run.identity(options.seed) | {"command": "ndd validate", "miles": options.miles, "files": files})
+    options.progress("validate: scoring", 0, 1)
     scores = validate_readings(run.model, readings)
     conditional = compare_decisions(run.model, readings)
-    traffic = simulate_free_running(run, miles=miles, seed=seed, threads=threads, progress=progress)
+    traffic = simulate_free_running(
+        run, miles=options.miles, seed=options.seed, threads=options.threads, progress=options.progress
+    )
     whole, parts = traffic.during(WHOLE), [traffic.during(window) for window in DRIFT_WINDOWS]
-    progress("validate: comparing", 0, 1)
+    options.progress("validate: comparing", 0, 1)
     told = scores.to_json()
     distances: Any = told.pop("distances")
     notes: Any = told.pop("notes")
     facts = _facts(traffic, whole, parts) + compare_transitions(run, reading_names(readings), readings)
     content = {
-        "model": str(model),
+        "model": str(options.model),
         "model_hash": model_hash(run.model),
         **told,
         "distances": distances | compare_traffic(run.model, readings, _simulated(whole)),
@@ -353,3 +327,8 @@ def _distance_text(row: RecordedQuantity | AcceptedGaps | RecordedTtc | LaneChan
         f"Wasserstein {row.wasserstein:.3g} {row.unit} ({low:.3g} to {high:.3g}), Kolmogorov-Smirnov "
         f"{row.kolmogorov_smirnov:.3f} ({row.decisions:,} observations, {row.vehicles:,} vehicles)"
     )
+
+
+def did_not_pass(found: NddValidated) -> str | None:
+    """Say that the command fails, which its text has told already; None if the model passed."""
+    return None if found.passed else ""

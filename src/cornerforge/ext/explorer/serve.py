@@ -6,6 +6,7 @@ import contextlib
 import shlex
 import tempfile
 import threading
+import warnings
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,12 +15,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cornerforge._arguments import checked
 from cornerforge._files import below, real_path
+from cornerforge._options import verb
 from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.careful import CAREFUL
 from cornerforge.errors import CornerForgeError, FileFormatError, InputError, MissingExtraError
 from cornerforge.experiment.output import SUMMARY, is_finished_run, read_json_file
+from cornerforge.ext.explorer.options import Serve
 from cornerforge.ext.interchange.beside import analysis_beside, own_folder
 from cornerforge.ext.interchange.export import EXPORTS, CaseWriter, has_rerun
 from cornerforge.library import CaseLibrary, StoredCase
@@ -32,7 +34,7 @@ if TYPE_CHECKING:
     from cornerforge.sim import Script, ScriptDriver
     from cornerforge.types import Scenario
 
-__all__ = ["serve"]
+__all__ = ["serve", "serve_text"]
 
 _LABELS = {"natural": "Natural traffic", "adversary": "Made by the adversary", "scripted": "Scripted cases"}
 _IDLE_S = 2.0
@@ -41,33 +43,11 @@ _ENDS_S = 3.0
 """So long is waited for what is done behind the page, when the server ends [s]."""
 
 
-def _silent(served: Served) -> None:
-    pass
-
-
-@checked
-def serve(
-    place: Path | str,
-    *,
-    host: str = "127.0.0.1",
-    port: int | None = None,
-    avs: Sequence[str] = (),
-    open_browser: bool = False,
-    threads: int | None = None,
-    up: Callable[[Served], None] = _silent,
-) -> Served:
+@verb(Serve, writes=False)
+def serve(options: Serve) -> Served:
     """Show the cases of a run or of a library in the browser, until Ctrl-C.
 
     A library without an analysis beside it is analysed in the background, into the folder LIB-analysis.
-
-    Args:
-        place: A folder of `run` or `rate`, or a library.
-        host: Where it listens. Anything else than this machine's loopback needs a token, which is in the address.
-        port: 0 for any free one; None: 8157, or the next that is free.
-        avs: AVs that cases can be driven with for comparison, besides the built-in ones.
-        open_browser: Open the address in the browser.
-        threads: Of the analysis; None for all cores.
-        up: Told once when the page can be opened.
 
     Returns:
         What `cornerforge serve --json` prints, when it has ended.
@@ -79,26 +59,32 @@ def serve(
         from cornerforge.ext.explorer import Exhibit, open_door, serve_exhibit
     except ModuleNotFoundError as error:
         raise MissingExtraError(str(error.name), "explorer") from error
-    given = Path(place)
+    given = Path(options.place)
     given = real_path(given)  # . and .. have no name, and a command that is copied holds from any folder
     found = _sources(given)
-    driving = _driving(avs, found[0].source)
-    warnings = _warnings(given, found)
-    door = open_door(host, port)
-    exhibit = Exhibit(given.name, [(one.source, one.analysis) for one in found], driving, warnings)
+    driving = _driving(options.avs, found[0].source)
+    notes = _warnings(given, found)
+    door = open_door(options.host, options.port)
+    exhibit = Exhibit(given.name, [(one.source, one.analysis) for one in found], driving, notes)
     served = Served(
         url=door.url, host=door.host, port=door.port, usual_port=door.usual, token=door.token is not None,
         cases=exhibit.table.table.num_rows, sources=tuple(one.source.name for one in found),
     )  # fmt: skip
     stopping = threading.Event()
     behind = threading.Thread(
-        target=_behind, args=(exhibit, found, threads, stopping), daemon=True, name="cornerforge-analysis"
+        target=_behind, args=(exhibit, found, options.threads, stopping), daemon=True, name="cornerforge-analysis"
     )
 
     def begin() -> None:
         behind.start()
-        up(served)
-        if open_browser:
+        if served.token:
+            warnings.warn(
+                f"{served.host} can be reached by other machines. The address is all that is needed to see the cases; "
+                "the connection is not encrypted.",
+                stacklevel=2,
+            )
+        options.up(served)
+        if options.open_browser:
             webbrowser.open(served.url)
 
     try:
@@ -339,3 +325,11 @@ class _Others:
         """
         script, driver = self.made(source, av)
         return driver.record(script(stored))[0]
+
+
+def serve_text(found: Served) -> str:
+    """Write where the page is, and what is unusual about it."""
+    from cornerforge.ext.explorer.server import PORT
+
+    taken = "" if found.usual_port else f"Port {PORT} is taken by another program, so it is port {found.port}.\n"
+    return f"{taken}{found.cases:,} cases: {found.url} (Ctrl-C ends it)"

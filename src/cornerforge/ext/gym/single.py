@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any, Unpack
+from typing import Any
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._arguments import checked
 from cornerforge._checks import check_in
+from cornerforge._options import made_of
 from cornerforge._words import shown
 from cornerforge.ext.gym.batch import OUTCOMES, Batch, numbers_of
 from cornerforge.ext.gym.batch import check_seed as _check_seed
 from cornerforge.ext.gym.batch import read_options as _read_options
 from cornerforge.ext.gym.misuse import InvalidActionError, ResetNeededError, warn_of_no_picture
+from cornerforge.ext.gym.options import Adversary, Driving
 from cornerforge.ext.gym.raster import top_view
 from cornerforge.ext.gym.runs import adversary_batch, driving_batch
 from cornerforge.ext.gym.spaces import adversary_observations, driving_actions, driving_observations, one_of_33
-from cornerforge.world_options import AdversaryEnvKeywords, DrivingEnvKeywords, WorldOptions
 
 __all__ = ["AdversaryEnv", "DrivingEnv"]
 
@@ -145,19 +145,12 @@ class AdversaryEnv(_SingleEnv):
         TypeError: There is no such option.
     """
 
-    @checked
-    def __init__(
-        self,
-        *,
-        reward: str = "crash",
-        delay: float = 1.0,
-        render_mode: str | None = None,
-        **world: Unpack[AdversaryEnvKeywords],
-    ) -> None:
-        self._batch = self._worlds = adversary_batch(1, 1, WorldOptions(**world), reward=reward, delay=delay)
+    @made_of(Adversary)
+    def __init__(self, options: Adversary) -> None:
+        self._batch = self._worlds = adversary_batch(1, 1, options.world(), reward=options.reward, delay=options.delay)
         self.observation_space = adversary_observations(self._batch.run.odd)
         self.action_space = one_of_33()
-        self._finish(render_mode, 1)
+        self._finish(options.render_mode, 1)
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Give the actions that are allowed now, bool (33,); learners with masks look for this name.
@@ -189,17 +182,11 @@ class DrivingEnv(_SingleEnv):
         TypeError: There is no such option.
     """
 
-    @checked
-    def __init__(
-        self,
-        *,
-        bv: str = "nde",
-        actions: str = "discrete",
-        act_every: int | None = None,
-        render_mode: str | None = None,
-        **world: Unpack[DrivingEnvKeywords],
-    ) -> None:
-        self.action_space = driving_actions(actions)
-        self._batch = driving_batch(1, 1, WorldOptions(**world), bv=bv, box=actions == "box", act_every=act_every)
+    @made_of(Driving)
+    def __init__(self, options: Driving) -> None:
+        self.action_space = driving_actions(options.actions)
+        self._batch = driving_batch(
+            1, 1, options.world(), bv=options.bv, box=options.actions == "box", act_every=options.act_every
+        )
         self.observation_space = driving_observations(self._batch.run.odd)
-        self._finish(render_mode, round(10 / self._batch.run.odd.av_substeps))
+        self._finish(options.render_mode, round(10 / self._batch.run.odd.av_substeps))

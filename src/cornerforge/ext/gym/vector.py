@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Unpack
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -11,16 +11,17 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from cornerforge._arguments import checked, is_several
-from cornerforge._checks import check_in, check_integer
+from cornerforge._arguments import is_several
+from cornerforge._checks import check_in
+from cornerforge._options import made_of
 from cornerforge._words import shown
 from cornerforge.errors import InputError
 from cornerforge.ext.gym.batch import OUTCOMES, Batch, check_seed, numbers_of, read_options
 from cornerforge.ext.gym.misuse import InvalidActionError, ResetNeededError, warn_of_no_picture
+from cornerforge.ext.gym.options import AdversaryVector, DrivingVector
 from cornerforge.ext.gym.raster import top_view
 from cornerforge.ext.gym.runs import adversary_batch, driving_batch
 from cornerforge.ext.gym.spaces import adversary_observations, driving_actions, driving_observations, one_of_33
-from cornerforge.world_options import AdversaryEnvKeywords, DrivingEnvKeywords, WorldOptions
 
 __all__ = ["AdversaryVectorEnv", "DrivingVectorEnv"]
 
@@ -223,25 +224,14 @@ class AdversaryVectorEnv(_BatchVectorEnv):
         TypeError: There is no such option.
     """
 
-    @checked
-    def __init__(
-        self,
-        num_envs: int = 1,
-        *,
-        threads: int | None = None,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        reward: str = "crash",
-        delay: float = 1.0,
-        render_mode: str | None = None,
-        **world: Unpack[AdversaryEnvKeywords],
-    ) -> None:
-        check_integer("num_envs", num_envs, low=1, high=10**6)
+    @made_of(AdversaryVector)
+    def __init__(self, options: AdversaryVector) -> None:
         self._batch = self._worlds = adversary_batch(
-            num_envs, threads, WorldOptions(**world), reward=reward, delay=delay
+            options.num_envs, options.threads, options.world(), reward=options.reward, delay=options.delay
         )
         self.single_observation_space = adversary_observations(self._batch.run.odd)
         self.single_action_space = one_of_33()
-        self._finish(num_envs, autoreset_mode, render_mode, 1)
+        self._finish(options.num_envs, options.autoreset_mode, options.render_mode, 1)
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Give the actions that are allowed now, bool (num_envs, 33); errors as for `AdversaryEnv`."""
@@ -261,23 +251,14 @@ class DrivingVectorEnv(_BatchVectorEnv):
         TypeError: There is no such option.
     """
 
-    @checked
-    def __init__(
-        self,
-        num_envs: int = 1,
-        *,
-        threads: int | None = None,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        bv: str = "nde",
-        actions: str = "discrete",
-        act_every: int | None = None,
-        render_mode: str | None = None,
-        **world: Unpack[DrivingEnvKeywords],
-    ) -> None:
-        check_integer("num_envs", num_envs, low=1, high=10**6)
-        self.single_action_space = driving_actions(actions)
+    @made_of(DrivingVector)
+    def __init__(self, options: DrivingVector) -> None:
+        self.single_action_space = driving_actions(options.actions)
         self._batch = driving_batch(
-            num_envs, threads, WorldOptions(**world), bv=bv, box=actions == "box", act_every=act_every
-        )
+            options.num_envs, options.threads, options.world(), bv=options.bv, box=options.actions == "box",
+            act_every=options.act_every,
+        )  # fmt: skip
         self.single_observation_space = driving_observations(self._batch.run.odd)
-        self._finish(num_envs, autoreset_mode, render_mode, round(10 / self._batch.run.odd.av_substeps))
+        self._finish(
+            options.num_envs, options.autoreset_mode, options.render_mode, round(10 / self._batch.run.odd.av_substeps)
+        )

@@ -9,21 +9,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from cornerforge._arguments import checked
 from cornerforge._checks import check_in
 from cornerforge._files import real_path
-from cornerforge._locks import claims
+from cornerforge._options import verb
 from cornerforge.errors import InputError, MissingExtraError
-from cornerforge.execution.progress import NO_PROGRESS, Progress
 from cornerforge.experiment.output import config_hash, open_output, provenance, write_json
 from cornerforge.ext.interchange.case_facts import CaseFacts
 from cornerforge.ext.interchange.library_case_files import CaseFilesOf
 from cornerforge.ext.interchange.openscenario import VERSIONS, write_openscenario
+from cornerforge.ext.interchange.options import Export
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.case_file import write_case_file
 from cornerforge.results.whole import Exported
 
-__all__ = ["EXPORTS", "CaseWriter", "ExportOptions", "export", "has_rerun"]
+__all__ = ["EXPORTS", "CaseWriter", "ExportOptions", "export", "export_text", "has_rerun"]
 
 _AFTER = 50
 """Progress is told after so many cases."""
@@ -114,30 +113,9 @@ _MODES = {"openscenario": ("recorded", "controller", "relative"), "commonroad": 
 _ENDINGS = {"csv": "csv", "parquet": "parquet", "rerun": "rrd", "json": "json"}
 
 
-@checked
-@claims()
-def export(
-    library: Path | str,
-    cases: Sequence[str] | str,
-    *,
-    to: str,
-    out: Path | str,
-    version: str = "1.2",
-    mode: str = "recorded",
-    resume: bool = False,
-    progress: Progress = NO_PROGRESS,
-) -> Exported:
+@verb(Export)
+def export(options: Export) -> Exported:
     """Write cases for other tools.
-
-    Args:
-        library: The library's folder.
-        cases: Case ids, or "all".
-        to: A name of `EXPORTS`.
-        out: Folder for the files, new or empty.
-        version: Of OpenSCENARIO: 1.0, 1.1, 1.2 or 1.3.
-        mode: recorded, controller or relative (`ExportOptions`).
-        resume: Write all files anew into the folder of an earlier call with the same arguments, finished or not.
-        progress: Told how far it is.
 
     Returns:
         What `cornerforge export --json` prints.
@@ -147,26 +125,26 @@ def export(
             be used.
     """
     began = time.perf_counter()
-    given, place = Path(library), Path(out)
+    given, place = Path(options.library), Path(options.out)
     source = CaseLibrary.open(real_path(given))
-    ids = _ids(source, [cases] if isinstance(cases, str) else cases)
+    ids = _ids(source, [options.cases] if isinstance(options.cases, str) else options.cases)
     identity = {
-        "library": config_hash(source.identity), "to": to, "version": version, "mode": mode,
+        "library": config_hash(source.identity), "to": options.to, "version": options.version, "mode": options.mode,
         "cases": config_hash({"": ids}),
     }  # fmt: skip
-    writer = CaseWriter(source, to, ExportOptions(version, mode))
+    writer = CaseWriter(source, options.to, ExportOptions(options.version, options.mode))
     found = source.scenarios(ids)
     first = next(found)  # a name that the library lacks is an error before the folder is claimed
-    open_output(place, identity, resume=resume)
+    open_output(place, identity, resume=options.resume)
     files: dict[str, None] = {}
     for done, stored in enumerate(itertools.chain([first], found), 1):
         case_id = str(stored.scalars["case_id"])
         files.update(dict.fromkeys(writer.write(case_id, stored, place)))
         if done % _AFTER == 0 or done == len(ids):
-            progress("export", done, len(ids))
+            options.progress("export", done, len(ids))
     seconds = round(time.perf_counter() - began, 3)
     write_json(place / "provenance.json", provenance(identity, seconds))
-    return Exported(cases=len(ids), to=to, out=str(place), files=tuple(files), seconds=seconds)
+    return Exported(cases=len(ids), to=options.to, out=str(place), files=tuple(files), seconds=seconds)
 
 
 def _ids(source: CaseLibrary, wanted: Sequence[str]) -> list[str]:
@@ -182,3 +160,8 @@ def _ids(source: CaseLibrary, wanted: Sequence[str]) -> list[str]:
     if "all" in ids:
         raise InputError('"all" stands for every case; leave out the others, or leave it out.')
     return ids
+
+
+def export_text(found: Exported) -> str:
+    """Write how many cases were written, and where."""
+    return f"{found.cases:,} cases as {len(found.files):,} files ({found.to}) in {found.out}"

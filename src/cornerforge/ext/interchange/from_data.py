@@ -7,25 +7,23 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any
 
-from cornerforge._arguments import checked
-from cornerforge._locks import claims
+from cornerforge._options import verb
 from cornerforge.analysis.crash_types import STRIKERS
 from cornerforge.analysis.mechanism import crash_types_of
 from cornerforge.errors import DataError
-from cornerforge.execution.progress import NO_PROGRESS, Progress
 from cornerforge.experiment.output import check_new_folder, open_output, provenance, whole_or_nothing, write_json
 from cornerforge.experiment.setting import RECORDED_AV, Experiment, experiment
 from cornerforge.ext.interchange.moments import Moments, critical_moments
 from cornerforge.ext.interchange.moving_cases import NO_CRASH, CaseOutcome, CasesDriven, library_of
+from cornerforge.ext.interchange.options import FromData
 from cornerforge.ext.interchange.recorded_traffic import Traffic, TrafficFile, read_traffic
 from cornerforge.library import CaseLibrary
 from cornerforge.library.case_file import CaseFile, Happened, of_moving, write_case_file
 from cornerforge.library.out_case import MovingCase, script_of
 from cornerforge.results.from_data import CasesFromData, DataFileRead, MomentOfData
 from cornerforge.types import Odd
-from cornerforge.world_options import AvAloneKeywords, WorldOptions
 
 __all__ = ["cases_from_data", "from_data_text"]
 
@@ -35,39 +33,14 @@ _LEAST_SHOWN = 0.05
 _TOUCHES = "driven as recorded, the car touches another vehicle"
 
 
-@checked
-@claims()
-def cases_from_data(
-    files: Sequence[Path | str] | Path | str,
-    *,
-    out: Path | str,
-    data_format: str | None = None,
-    cases: int = 50,
-    measure: str = "drac",
-    before: float = 5.0,
-    after: float = 3.0,
-    seed: int = 0,
-    progress: Progress = NO_PROGRESS,
-    **world: Unpack[AvAloneKeywords],
-) -> CasesFromData:
+@verb(FromData)
+def cases_from_data(options: FromData) -> CasesFromData:
     """Make cases of the most critical moments of recorded traffic, and drive an AV through them.
 
     Each case holds a recorded car (the ego) and all vehicles around it, some seconds before and after the moment. The
     AV takes the ego's place, with its speed; all others move as they did, whatever it does. So a vehicle behind runs
     into an AV that brakes harder than the recorded driver: of such a crash `striker` is "bv", and it says little of
     the AV. What moments are critical, `ext.interchange.moments` says.
-
-    Args:
-        files: Trajectory files: highD, official NGSIM, TGSIM, or tracks with lanes.
-        out: New or empty folder: case files in `cases/`, and the library of those in which the AV crashes.
-        data_format: One of `ext.calibrate.layouts.DATA_FORMATS`; None to tell it from the columns.
-        cases: How many at most.
-        measure: What is ranked by: "drac", "ttc", "thw" or "contact" (`ext.interchange.moments.MEASURES`).
-        before, after: The window around the moment [s]; 2 and 1 at least.
-        seed: Of the library, and told to an AV from outside.
-        progress: Told how far it is.
-        world: `av`, the AV in the ego's seat, and how it is asked if it is from outside; without `av` it is "recorded":
-            the recorded driver.
 
     Returns:
         What `cornerforge cases from-data --json` prints.
@@ -76,30 +49,36 @@ def cases_from_data(
         CornerForgeError: A file or an option cannot be used, nothing in the files is critical, or the AV cannot be had.
     """
     began = time.perf_counter()
-    place = Path(out)
+    place = Path(options.out)
     check_new_folder(place)
-    options = replace(WorldOptions(av=RECORDED_AV), **world)
-    av = options.av
-    experiment(options, takes_foreign=True, takes_recorded=True).rest()  # is there such an AV? before long work
-    paths = [Path(file) for file in ([files] if isinstance(files, (str, Path)) else files)]
-    progress("files", 0, 1)
-    traffic = read_traffic(paths, data_format)
-    progress("files", 1, 1)
-    found = _without_contact(critical_moments(traffic, most=cases, before_s=before, after_s=after, measure=measure))
+    world = options.world()
+    av = world.av
+    experiment(world, takes_foreign=True, takes_recorded=True).rest()  # is there such an AV? before long work
+    paths = [Path(file) for file in ([options.files] if isinstance(options.files, (str, Path)) else options.files)]
+    options.progress("files", 0, 1)
+    traffic = read_traffic(paths, options.data_format)
+    options.progress("files", 1, 1)
+    found = _without_contact(
+        critical_moments(
+            traffic, most=options.cases, before_s=options.before, after_s=options.after, measure=options.measure
+        )
+    )
     if not found.cases:
         reasons = "; ".join(f"{reason} ({n})" for reason, n in found.left_out.items())
         raise DataError(f"No case could be made of {found.found:,} event(s): {reasons}.")
     stated = {
-        "files": [one.sha256 for one in _files(traffic)], "format": data_format, "cases": cases, "measure": measure,
-        "before": before, "after": after, "av": av, "seed": seed,
+        "files": [one.sha256 for one in _files(traffic)], "format": options.data_format, "cases": options.cases,
+        "measure": options.measure, "before": options.before, "after": options.after, "av": av, "seed": options.seed,
     }  # fmt: skip
     open_output(place, stated, resume=None)
     with whole_or_nothing(place, ("cases", "library")):
         written = _write(found.cases, place / "cases")
         driven = CasesDriven(av, (), tuple(CaseOutcome(case.name, NO_CRASH, "as recorded") for case in found.cases))
         if av != RECORDED_AV:
-            driven = library_of(found.cases, place / "library", seed=seed, progress=progress, **world)
-        result = _result(traffic, found, written, driven, measure, place, time.perf_counter() - began)
+            driven = library_of(
+                found.cases, place / "library", seed=options.seed, progress=options.progress, world=world
+            )
+        result = _result(traffic, found, written, driven, options.measure, place, time.perf_counter() - began)
         write_json(place / "provenance.json", provenance(stated, result.seconds))
     return result
 

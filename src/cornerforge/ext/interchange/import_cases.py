@@ -7,13 +7,10 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Unpack
 
-from cornerforge._arguments import checked
 from cornerforge._files import reason
-from cornerforge._locks import claims
+from cornerforge._options import verb
 from cornerforge.errors import CornerForgeError, DataError, FileFormatError, InputError
-from cornerforge.execution.progress import NO_PROGRESS, Progress
 from cornerforge.experiment.output import (
     check_new_folder,
     open_output,
@@ -24,11 +21,11 @@ from cornerforge.experiment.output import (
 from cornerforge.experiment.setting import RECORDED_AV, experiment
 from cornerforge.ext.calibrate.tables import file_sha256
 from cornerforge.ext.interchange.moving_cases import UNKNOWN, CasesDriven, library_of
+from cornerforge.ext.interchange.options import ImportCases
 from cornerforge.library.case_file import CaseFile, case_text, of_moving, write_case_file
 from cornerforge.library.out_case import Fact, MovingCase
 from cornerforge.results.imported import ImportedCase, ImportedCases, Refused
 from cornerforge.types import FRAME_S
-from cornerforge.world_options import AvAloneKeywords, WorldOptions
 
 __all__ = ["IMPORTS", "import_cases", "import_text"]
 
@@ -67,30 +64,12 @@ IMPORTS: dict[str, Callable[[Path, str | None], MovingCase]] = {
 """End of a file's name -> its reader: path, name of the vehicle in the AV's seat."""
 
 
-@checked
-@claims()
-def import_cases(
-    files: Sequence[Path | str] | Path | str,
-    *,
-    out: Path | str,
-    ego: str | None = None,
-    seed: int = 0,
-    progress: Progress = NO_PROGRESS,
-    **world: Unpack[AvAloneKeywords],
-) -> ImportedCases:
+@verb(ImportCases)
+def import_cases(options: ImportCases) -> ImportedCases:
     """Read scenarios of other tools, write a case file of each, and drive the AV through them.
 
     A file that cannot be read is named in the result, and the others are read. All vehicles but the AV move as their
     file says, whatever the AV does.
-
-    Args:
-        files: OpenSCENARIO (.xosc), CommonRoad (.xml), or tables that `export` wrote (.csv, .parquet).
-        out: New or empty folder: case files in `cases/`, and in `library/` those in which the AV crashes.
-        ego: Name of the vehicle in the AV's seat; None: as the readers tell.
-        seed: Of the library, and told to an AV from outside.
-        progress: Told how far it is.
-        world: `av`, the AV that drives, and how it is asked if it is from outside; without `av` it is "recorded":
-            whatever is in its seat moves as its file says.
 
     Returns:
         What `cornerforge import --json` prints.
@@ -99,11 +78,11 @@ def import_cases(
         CornerForgeError: No file can be read, the AV cannot be had, or the folder cannot be used.
     """
     began = time.perf_counter()
-    place = Path(out)
+    place = Path(options.out)
     check_new_folder(place)
-    options = replace(WorldOptions(av=RECORDED_AV), **world)
-    experiment(options, takes_foreign=True, takes_recorded=True).rest()  # is there such an AV? before long work
-    paths = [Path(file) for file in ([files] if isinstance(files, (str, Path)) else files)]
+    world = options.world()
+    experiment(world, takes_foreign=True, takes_recorded=True).rest()  # is there such an AV? before long work
+    paths = [Path(file) for file in ([options.files] if isinstance(options.files, (str, Path)) else options.files)]
     if not paths:
         raise InputError("There is no file to import; name at least one.")
     sources: list[Path] = []
@@ -111,25 +90,25 @@ def import_cases(
     made: list[CaseFile] = []
     refused: list[Refused] = []
     for number, path in enumerate(paths):
-        progress("files", number, len(paths))
+        options.progress("files", number, len(paths))
         try:
-            case, file = _read(path, ego, {case.name for case in cases})
+            case, file = _read(path, options.ego, {case.name for case in cases})
         except CornerForgeError as error:
             refused.append(Refused(source=str(path), why=str(error)))
             continue
         sources.append(path)
         cases.append(case)
         made.append(file)
-    progress("files", len(paths), len(paths))
+    options.progress("files", len(paths), len(paths))
     if not cases:
         if len(refused) == 1:
             raise DataError(refused[0].why)
         raise DataError(f"None of {len(paths):,} files can be read; the first: {refused[0].why}")
     hashes = [file_sha256(path)[:_HASH_DIGITS] for path in sources]
-    stated = {"files": hashes, "ego": ego, "av": options.av, "seed": seed}
+    stated = {"files": hashes, "ego": options.ego, "av": world.av, "seed": options.seed}
     open_output(place, stated, resume=None)
     with whole_or_nothing(place, ("cases", "library")):
-        driven = library_of(cases, place / "library", seed=seed, progress=progress, **world)
+        driven = library_of(cases, place / "library", seed=options.seed, progress=options.progress, world=world)
         written = _write(made, place / "cases", driven)
         result = _result(sources, cases, written, refused, driven, place, began)
         write_json(place / "provenance.json", provenance(stated, result.seconds))

@@ -6,7 +6,6 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Unpack
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from cornerforge.ndd.model import save_model
 from cornerforge.sim import Script
 from cornerforge.types import Odd
 from cornerforge.verbs.drive_case import av_straight_on, crash_in_words, happened_in, known_frames, recorded_drive
-from cornerforge.world_options import AvAloneKeywords, WorldOptions
+from cornerforge.world_options import WorldOptions
 
 __all__ = ["CRASH", "NO_CRASH", "UNKNOWN", "CaseOutcome", "CasesDriven", "library_of"]
 
@@ -86,7 +85,7 @@ def library_of(
     set_speed: float | None = None,
     seed: int = 0,
     progress: Progress = NO_PROGRESS,
-    **world: Unpack[AvAloneKeywords],
+    world: WorldOptions | None = None,
 ) -> CasesDriven:
     """Drive moving cases with an AV, and store those that end in a crash of the AV as a library on rails.
 
@@ -99,8 +98,8 @@ def library_of(
         set_speed: At which speed the AV is set to drive [m/s]; None: as `library.out_case.script_of` says.
         seed: Of the library: a case is named seed:number, where it stands among `cases`.
         progress: Told how far it is.
-        world: `av`, and how an AV from outside is asked; without `av` it is "recorded": whatever was in the AV's seat
-            moves as it was recorded.
+        world: The AV, and how one from outside is asked; None: "recorded", whatever was in the AV's seat moves as it
+            was recorded.
 
     Returns:
         What crashed and what did not. Columns of a library: `name` of the case, `origin` (its fact `source`), and
@@ -114,7 +113,7 @@ def library_of(
     if not cases:
         raise InputError("There is no case to drive.")
     check_new_folder(place)
-    options = replace(WorldOptions(av=RECORDED_AV), **world)
+    options = world or WorldOptions(av=RECORDED_AV)
     groups = _roads(cases)
     found: dict[int, CaseOutcome] = {}
     libraries: list[Path] = []

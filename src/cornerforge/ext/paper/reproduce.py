@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any
 
-from cornerforge._arguments import checked
 from cornerforge._checks import check_in, check_integer
-from cornerforge._locks import claims
-from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge._options import verb
 from cornerforge.experiment.output import (
     code_hash,
     config_hash,
@@ -23,49 +20,23 @@ from cornerforge.experiment.output import (
 )
 from cornerforge.ext.paper.bench import REPRODUCE_EFFORTS, Bench, keep
 from cornerforge.ext.paper.item import Item
+from cornerforge.ext.paper.options import Reproduce
 from cornerforge.ext.paper.registry import ITEMS
 from cornerforge.ndd.model import model_hash
 from cornerforge.results import Reproduced, from_json
 from cornerforge.results.reproduction import PaperItem
-from cornerforge.world_options import RoadKeywords, WorldOptions
 
 __all__ = ["REPRODUCE_EFFORTS", "reproduce", "reproduction_text"]
 
 _SHOWN = tuple(one.name for one in fields(PaperItem))
 
 
-@checked
-@claims()
-def reproduce(
-    *,
-    out: Path | str,
-    figures: Sequence[str] | None = None,
-    effort: str | None = None,
-    paper_policy: Path | str | None = None,
-    avs: Sequence[str] = (),
-    resume: bool = False,
-    seed: int = 0,
-    threads: int | None = None,
-    progress: Progress = NO_PROGRESS,
-    **world: Unpack[RoadKeywords],
-) -> Reproduced:
+@verb(Reproduce)
+def reproduce(options: Reproduce) -> Reproduced:
     """Make the paper's figures and tables again, and a page that shows ours beside theirs.
 
     `OUT` then holds `index.html`, `figures/` (PNG and SVG), `items.json`, `provenance.json`, and what is kept to go on
     with: `policies/`, `parts/`, `items/`, `libraries/`.
-
-    Args:
-        out: Folder for everything; must be new or empty unless `resume`.
-        figures: Ids of items, such as "figure3"; None for all. The page shows them and those made earlier.
-        effort: "quick", "standard" or "full" (see `REPRODUCE_EFFORTS`); None: "standard".
-        paper_policy: A policy of preset `paper`, for Figure 2; None to leave that curve out.
-        avs: AVs that the matrix shows besides the built-in ones: files of `train-av`, or AVs from outside.
-        resume: Go on with what is in `out`: finished items, measurements and policies are kept as long as what they
-            were made of is the same (policies even after changes of code), and an unfinished training goes on.
-        seed: 0 or more; the k-th training of a kind has seed + k.
-        threads: None for all cores; does not change the result, timings excepted.
-        progress: Told how far it is.
-        world: The world, keyword by keyword; see `WorldOptions`.
 
     Returns:
         What `cornerforge reproduce --json` prints.
@@ -76,19 +47,22 @@ def reproduce(
     from cornerforge.ext.paper.reproduction import check_reproduction, write_reproduction
 
     start = time.perf_counter()
-    folder = Path(out)
-    effort = check_in("effort", effort or "standard", tuple(REPRODUCE_EFFORTS))
+    folder = Path(options.out)
+    effort = check_in("effort", options.effort or "standard", tuple(REPRODUCE_EFFORTS))
     size = REPRODUCE_EFFORTS[effort]
-    check_integer("seed", seed, low=0, high=2**32 - 1)
-    wanted = [ITEMS[check_in("figure", name, tuple(ITEMS))] for name in (ITEMS if figures is None else figures)]
+    check_integer("seed", options.seed, low=0, high=2**32 - 1)
+    wanted = [
+        ITEMS[check_in("figure", name, tuple(ITEMS))]
+        for name in (ITEMS if options.figures is None else options.figures)
+    ]
     bench = Bench(
-        folder, size, WorldOptions(**world), seed=seed, threads=threads, progress=progress,
-        paper_policy=None if paper_policy is None else Path(paper_policy), more_avs=avs,
+        folder, size, options.world(), seed=options.seed, threads=options.threads, progress=options.progress,
+        paper_policy=None if options.paper_policy is None else Path(options.paper_policy), more_avs=options.avs,
     )  # fmt: skip
     run = bench.experiment("idm-mobil")
     check_reproduction()
     identity = {
-        "seed": seed,
+        "seed": options.seed,
         "effort": effort,
         "odd": run.odd.name,
         "lanes": run.odd.n_lanes,
@@ -96,18 +70,20 @@ def reproduce(
         "config_hash": config_hash({"size": asdict(size), "odd": run.odd.stated()}),
         "cornerforge": version(),
     }
-    open_output(folder, identity, resume=resume)
+    open_output(folder, identity, resume=options.resume)
     for item in wanted:
         _made(bench, item)
     items = [found for item in ITEMS.values() if (found := _finished(bench, item)) is not None]
-    write_json(folder / "items.json", {"effort": effort, "seed": seed, "items": items})
+    write_json(folder / "items.json", {"effort": effort, "seed": options.seed, "items": items})
     seconds = round(time.perf_counter() - start, 3)
     more = {"code": code_hash(), "avs": _av_hashes(bench)}
     write_json(folder / "provenance.json", provenance({**identity, **more}, seconds))
     page = write_reproduction(folder)
     names = [item.id for item in wanted]
     shown = [from_json(PaperItem, {key: item[key] for key in _SHOWN}) for item in items if item["id"] in names]
-    return Reproduced(items=tuple(shown), out=str(folder), page=str(page), effort=effort, seed=seed, seconds=seconds)
+    return Reproduced(
+        items=tuple(shown), out=str(folder), page=str(page), effort=effort, seed=options.seed, seconds=seconds
+    )
 
 
 def _path(bench: Bench, item: Item) -> Path:

@@ -6,14 +6,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cornerforge._arguments import checked
 from cornerforge._files import write_bytes
-from cornerforge._locks import claim_folder, claims
+from cornerforge._locks import claim_folder
+from cornerforge._options import verb
 from cornerforge.analysis.avoidability import AvoidParams, avoidability
 from cornerforge.analysis.in_words import what_happened
 from cornerforge.errors import InputError, UnknownNameError
-from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge.execution.progress import Progress
 from cornerforge.experiment.output import check_new_file, is_finished_run
+from cornerforge.ext.pictures.options import Figure
 from cornerforge.ext.pictures.printed import CAPTIONS, print_chart
 from cornerforge.ext.pictures.printing import FORMATS, check_print, print_of, width_named
 from cornerforge.ext.pictures.strip import key_moments, strip_figure
@@ -27,7 +28,7 @@ from cornerforge.verbs.make_report import library_of
 if TYPE_CHECKING:
     from cornerforge.report.artefacts import Artefacts
 
-__all__ = ["figure"]
+__all__ = ["figure", "figure_text"]
 
 _NATURAL = "natural/"
 """Begins the names of a run's natural cases, as on its page."""
@@ -35,36 +36,9 @@ _OF_CASES = ("types", "fault", "rules", "own", "prevented", "avoidability")
 _COUNTED = " Natural cases are counted, not weighted by how often they happen."
 
 
-@checked
-@claims()
-def figure(
-    place: Path | str,
-    case: str | None = None,
-    *,
-    out: Path | str | None = None,
-    times: Sequence[float] | None = None,
-    figures: Sequence[str] | None = None,
-    file_format: str = "pdf",
-    width: str = "column",
-    seed: int = 0,
-    threads: int | None = None,
-    progress: Progress = NO_PROGRESS,
-) -> Figured:
+@verb(Figure)
+def figure(options: Figure) -> Figured:
     """Draw figures for a paper: vector graphics with 8 pt text at the width at which they are to be printed.
-
-    Args:
-        place: A library; or a folder of `run` or `rate`.
-        case: Id of a case, which becomes a strip of snapshots; `natural/ID` for a natural case of a run. None: the
-            charts of the page of `run` or `report` are drawn instead.
-        out: For a case the new file, .pdf or .svg. For charts their folder; for those of a library it also holds
-            `analysis/`, as for `report`. None: nothing is drawn, and the names of the charts are returned.
-        times: Seconds at which the snapshots are taken, 0 is the contact, negative before it; None: begin of the
-            manoeuvre, first braking, the AV's last way out, the contact.
-        figures: Names of charts; None for all there are.
-        file_format: Of charts, pdf or svg.
-        width: column (3.5 in) or page (7.16 in).
-        seed, threads: Of the analysis of a library, as for `analyse`.
-        progress: Told how far it is.
 
     Returns:
         What `cornerforge figure --json` prints: the files, each with a caption.
@@ -73,38 +47,52 @@ def figure(
         CornerForgeError: There is no such case or chart, a file or output place is not right, or matplotlib is not
             installed.
     """
-    inches = width_named(width)
-    if case is not None:
-        return _strip(Path(place), case, out, times, inches)
-    if times is not None:
+    inches = width_named(options.width)
+    if options.case is not None and not options.listing:
+        return _strip(Path(options.place), options.case, options.out, _seconds(options.times), inches)
+    if options.times is not None:
         raise InputError("Times are those of a case's snapshots; name the case.")
-    suffix = f".{file_format.lower()}"
+    suffix = f".{options.file_format.lower()}"
     if suffix not in FORMATS:
-        raise InputError(f'No format "{file_format}"; choose pdf or svg.')
-    for name in figures or ():
+        raise InputError(f'No format "{options.file_format}"; choose pdf or svg.')
+    for name in options.figures or ():
         if name not in CAPTIONS:
             raise UnknownNameError("figure", name, CAPTIONS)
-    if out is None:
+    if options.listing or options.out is None:
         return Figured(figures=tuple(FiguredOne(name=name, file=None, caption=text) for name, text in CAPTIONS.items()))
-    folder = Path(out)
+    folder = Path(options.out)
     claim_folder(folder)
-    files = {name: folder / f"{name}{suffix}" for name in figures or CAPTIONS}
+    files = {name: folder / f"{name}{suffix}" for name in options.figures or CAPTIONS}
     for file in files.values():
         check_print(file)
         check_new_file(file)
-    charts, is_natural = _charts(Path(place), folder, seed, threads, progress)
-    missing = [name for name in figures or () if name not in charts]
+    charts, is_natural = _charts(Path(options.place), folder, options.seed, options.threads, options.progress)
+    missing = [name for name in options.figures or () if name not in charts]
     if missing:
-        raise InputError(f"{place} holds nothing for the figure {missing[0]}; there are: {', '.join(charts)}.")
+        raise InputError(f"{options.place} holds nothing for the figure {missing[0]}; there are: {', '.join(charts)}.")
     made = []
     chosen = [name for name in CAPTIONS if name in charts and name in files]
     for done, name in enumerate(chosen):
-        progress("figure", done, len(chosen))
+        options.progress("figure", done, len(chosen))
         write_bytes(files[name], print_of(print_chart(charts[name], inches), suffix))
         caption = f"{CAPTIONS[name]}{_COUNTED if is_natural and name in _OF_CASES else ''}"
         made.append(FiguredOne(name=name, file=str(files[name]), caption=caption))
-    progress("figure", len(chosen), len(chosen))
+    options.progress("figure", len(chosen), len(chosen))
     return Figured(figures=tuple(made))
+
+
+def _seconds(given: str | Sequence[float] | None) -> Sequence[float] | None:
+    """Read times such as "-3,-2,-1,0".
+
+    Raises:
+        InputError: They are no numbers.
+    """
+    if not isinstance(given, str):
+        return given
+    try:
+        return [float(one) for one in given.split(",")]
+    except ValueError:
+        raise InputError(f'times = "{given}" are no numbers with commas between them, such as -3,-2,-1,0.') from None
 
 
 def _strip(
@@ -162,3 +150,8 @@ def _charts(
         analyse(library, out=folder / "analysis", seed=seed, threads=threads, progress=progress)
         found = library_artefacts(library, folder)
     return charts_of(found, set(found.points.case_id)), found.analysis.natural is not None
+
+
+def figure_text(found: Figured) -> str:
+    """Write a line for each chart or strip."""
+    return "\n".join(f"{one.name if one.file is None else one.file}: {one.caption}" for one in found.figures)

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 
-from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
-from cornerforge._locks import claims
+from cornerforge._options import verb
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.errors import InputError
-from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge.execution.progress import Progress
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import (
     code_hash,
@@ -27,13 +25,14 @@ from cornerforge.experiment.output import (
 )
 from cornerforge.experiment.policy_file import check_budget, policy_hash, save_policy
 from cornerforge.experiment.setting import AV_LOG, Experiment, check_threads, experiment
+from cornerforge.ext.studies.options import PlausibilityStudy
 from cornerforge.intervals import binomial_interval
 from cornerforge.library.filling import harvest_tests
 from cornerforge.report.drawing import BLUE, GREY, ORANGE, check_matplotlib, new_figure, png_of
 from cornerforge.results import Plausibility, as_json, from_json
 from cornerforge.results.cases import NaturalPlausibility, PlausibilityRow, PlausibilityRun
 from cornerforge.verbs.train import EVALUATION_TESTS, evaluate, learn, training_faults
-from cornerforge.world_options import AvKeywords, WorldOptions
+from cornerforge.world_options import WorldOptions
 
 __all__ = ["BUDGETS_NATS", "plausibility", "plausibility_text"]
 
@@ -41,34 +40,9 @@ BUDGETS_NATS = (10.0, 20.0, 40.0, 60.0, 80.0)
 _NATURAL_TESTS = 500
 
 
-@checked
-@claims()
-def plausibility(
-    *,
-    out: Path | str,
-    budgets: Sequence[float] = BUDGETS_NATS,
-    seeds: int = 3,
-    decisions: int | None = None,
-    tests: int = 8192,
-    resume: bool = False,
-    seed: int = 0,
-    threads: int | None = None,
-    progress: Progress = NO_PROGRESS,
-    **world: Unpack[AvKeywords],
-) -> Plausibility:
+@verb(PlausibilityStudy)
+def plausibility(options: PlausibilityStudy) -> Plausibility:
     """Train an adversary for each budget and training seed, also without a budget (the paper's mask) and without mask.
-
-    Args:
-        out: Folder for the policies, `plausibility.json` and `plausibility.png`; must be new or empty unless `resume`.
-        budgets: Likelihood budgets of a test [nats].
-        seeds: Training seeds per budget: `seed`, `seed` + 1, ...
-        decisions: Length of each training; None for that of preset `fast`.
-        tests: Evaluation tests of each policy.
-        resume: Keep policies that are finished.
-        seed: The first training seed, and the seed of the tests.
-        threads: None for all cores; does not change the result.
-        progress: Told how far it is.
-        world: The world, keyword by keyword; see `WorldOptions`.
 
     Returns:
         What `cornerforge plausibility --json` prints: a row for each budget, and natural drivers.
@@ -77,47 +51,47 @@ def plausibility(
         CornerForgeError: Input, files or output place are not right.
     """
     check_matplotlib()
-    check_integer("seeds", seeds, low=1, high=1000)
-    check_integer("tests", tests, low=1, high=10**8)
-    check_integer("seed", seed, low=0, high=2**32 - 1)
-    for nats in budgets:
+    check_integer("seed", options.seed, low=0, high=2**32 - 1)
+    for nats in options.budgets:
         check_budget(nats, bounded=True)
-    if len(set(budgets)) != len(budgets):
-        raise InputError(f"budgets = {list(budgets)} names one twice; give each once.")
+    if len(set(options.budgets)) != len(options.budgets):
+        raise InputError(f"budgets = {list(options.budgets)} names one twice; give each once.")
     config = preset_named("fast")
-    if decisions is not None:
-        config = replace(config, decisions=check_integer("decisions", decisions, low=1, high=10**12))
-    options = WorldOptions(**world)
-    natural = experiment(options, takes_foreign=True, seed=seed)
-    folder = Path(out)
+    if options.decisions is not None:
+        config = replace(config, decisions=options.decisions)
+    world = options.world()
+    natural = experiment(world, takes_foreign=True, seed=options.seed)
+    folder = Path(options.out)
     identity = {
-        **natural.identity(seed),
-        "budgets": " ".join(f"{budget:g}" for budget in sorted(budgets)),
+        **natural.identity(options.seed),
+        "budgets": " ".join(f"{budget:g}" for budget in sorted(options.budgets)),
         "decisions": config.decisions,
-        "seeds": seeds,
-        "tests": tests,
+        "seeds": options.seeds,
+        "tests": options.tests,
         "cornerforge": version(),
         "code": code_hash(),
     }
-    open_output(folder, identity, resume=resume)
+    open_output(folder, identity, resume=options.resume)
     natural.keep_printed(folder / AV_LOG)
-    n_threads = check_threads(threads)
-    masks: list[tuple[float | None, bool]] = [(budget, True) for budget in sorted(budgets)]
+    n_threads = check_threads(options.threads)
+    masks: list[tuple[float | None, bool]] = [(budget, True) for budget in sorted(options.budgets)]
     masks += [(None, True), (None, False)]
     forecast(
-        natural, threads, f"{len(masks) * seeds} trainings and their tests",
-        decisions=len(masks) * seeds * config.decisions, tests=2 * len(masks) * seeds * tests,
+        natural, options.threads, f"{len(masks) * options.seeds} trainings and their tests",
+        decisions=len(masks) * options.seeds * config.decisions, tests=2 * len(masks) * options.seeds * options.tests,
     )  # fmt: skip
     rows = []
     for budget, bounded in masks:
-        run = experiment(options, bv="uniform", bounded=bounded, budget=budget, takes_foreign=True, seed=seed)
+        run = experiment(world, bv="uniform", bounded=bounded, budget=budget, takes_foreign=True, seed=options.seed)
         run.keep_printed(folder / AV_LOG)
         runs = tuple(
-            _one(folder, run, config, seed + k, seed, tests, n_threads, progress, options)
-            for k in range(seeds)
+            _one(folder, run, config, options.seed + k, options.seed, options.tests, n_threads, options.progress, world)
+            for k in range(options.seeds)
         )  # fmt: skip
         rows.append(PlausibilityRow(budget=budget, bounded=bounded, runs=runs))
-    result = Plausibility(rows=tuple(rows), natural=_natural(natural, seed), out=str(folder), tests=tests)
+    result = Plausibility(
+        rows=tuple(rows), natural=_natural(natural, options.seed), out=str(folder), tests=options.tests
+    )
     write_json(folder / "plausibility.json", as_json(result))
     _draw(folder / "plausibility.png", result)
     write_json(folder / "provenance.json", provenance(identity, 0.0))

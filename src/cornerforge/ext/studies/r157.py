@@ -8,18 +8,15 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._arguments import checked
-from cornerforge._checks import check_integer
-from cornerforge._locks import claims
+from cornerforge._options import verb
 from cornerforge.drivers.careful import CAREFUL, HOLDS, SCENARIOS, drives_into
 from cornerforge.errors import AvFaultError
 from cornerforge.execution import in_order
-from cornerforge.execution.progress import NO_PROGRESS, Progress
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import (
     check_new_folder,
@@ -31,6 +28,7 @@ from cornerforge.experiment.output import (
     write_text,
 )
 from cornerforge.experiment.setting import AV_LOG, Experiment, check_threads, experiment, road_of
+from cornerforge.ext.studies.options import R157
 from cornerforge.ext.studies.r157_roads import closing_at_least, cut_in_density
 from cornerforge.ext.studies.r157_scenarios import FAMILIES, Panel, panels, rails_of_panel, road_of_r157
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
@@ -40,7 +38,6 @@ from cornerforge.ndd.model import save_model
 from cornerforge.results import Regulated
 from cornerforge.results.r157 import RegulatedFamily, RegulatedPair, RegulatedRoads
 from cornerforge.sim import AV_CRASH, AV_FAULT, NOBODY, RAILS, Rails, Setting, simulate_chunks
-from cornerforge.world_options import AvKeywords, WorldOptions
 
 if TYPE_CHECKING:
     from cornerforge.ext.studies.r157_page import R157Picture
@@ -85,30 +82,13 @@ class _Driven:
         return self.failed & ~self.crashes[driver]
 
 
-@checked
-@claims()
-def r157(
-    *,
-    families: Sequence[str] | str = "all",
-    out: Path | str | None = None,
-    seed: int = 0,
-    threads: int | None = None,
-    progress: Progress = NO_PROGRESS,
-    **world: Unpack[AvKeywords],
-) -> Regulated:
+@verb(R157)
+def r157(options: R157) -> Regulated:
     """Drive an AV through the scenarios of UN Regulation 157: cut-in, cut-out, deceleration of the lead.
 
     In each scenario the AV drives at first as fast as it is set to. The other vehicles move as the scenario says,
     whatever it does. The AV may brake, accelerate and change lanes; it fails if it touches another vehicle or is
     touched. Beside it each reference driver drives through the same scenario (`drivers.careful.drives_into`).
-
-    Args:
-        families: "all", or some of "cut-in", "cut-out" and "deceleration".
-        out: Folder for the library of what the AV fails in, the page and `scenarios.csv`; new or empty. None: none.
-        seed: Told to an AV from outside; nothing else is drawn.
-        threads: None for all cores; does not change the result.
-        progress: Told how far it is.
-        world: The AV, how it is asked if it is from outside, and the ODD.
 
     Returns:
         What `cornerforge r157 --json` prints.
@@ -117,33 +97,34 @@ def r157(
         CornerForgeError: A name is not known, the folder cannot be used, or an AV from outside fails too often.
     """
     began = time.perf_counter()
-    check_integer("seed", seed, low=0, high=2**63 - 1)
-    n_threads = check_threads(threads)
-    options = WorldOptions(**world)
-    odd = road_of_r157(road_of(options))
-    wanted, too_fast = panels(FAMILIES if families == "all" else [families] if isinstance(families, str) else families,
-                              odd)  # fmt: skip
-    place = None if out is None else Path(out)
+    n_threads = check_threads(options.threads)
+    world = options.world()
+    odd = road_of_r157(road_of(world))
+    families = [options.families] if isinstance(options.families, str) else options.families
+    wanted, too_fast = panels(FAMILIES if list(families) == ["all"] else families, odd)
+    place = None if options.out is None else Path(options.out)
     if place is not None:
         from cornerforge.ext.studies.r157_page import check_r157_page
 
         check_r157_page()
         check_new_folder(place)  # before an AV from outside starts
-    run = experiment(options, road=odd, takes_foreign=True, seed=seed)
+    run = experiment(world, road=odd, takes_foreign=True, seed=options.seed)
     if place is not None:
-        open_output(place, _identity(run, wanted, seed), resume=None)
+        open_output(place, _identity(run, wanted, options.seed), resume=None)
         run.keep_printed(place / AV_LOG)
     total = sum(map(len, wanted))
-    forecast(run, threads, f"{total:,} scenarios", tests=total)
+    forecast(run, options.threads, f"{total:,} scenarios", tests=total)
     driven: list[_Driven] = []
-    library = None if place is None else _open_library(run, place / "library", seed)
+    library = None if place is None else _open_library(run, place / "library", options.seed)
     for panel in wanted:
         rails = rails_of_panel(panel, odd)
         setting = _setting(run.setting, panel, rails)
-        driven.append(_Driven(panel, _drive(run, setting, panel, seed, n_threads), _judge(panel, rails, n_threads)))
-        progress("scenarios", sum(len(one.panel) for one in driven), total)
+        driven.append(
+            _Driven(panel, _drive(run, setting, panel, options.seed, n_threads), _judge(panel, rails, n_threads))
+        )
+        options.progress("scenarios", sum(len(one.panel) for one in driven), total)
         if library is not None:
-            _keep(replace(run, setting=setting), driven[-1], rails, library, seed)
+            _keep(replace(run, setting=setting), driven[-1], rails, library, options.seed)
     if not any(one.known.any() for one in driven):
         raise AvFaultError(f"The AV {run.av.name} failed to answer in all of {total:,} scenarios.")
     result = _result(run, driven, too_fast)
@@ -157,7 +138,7 @@ def r157(
     result = replace(result, library=str(library.path), page=str(place / "r157.html"))
     write_r157_page(place / "r157.html", result, [_picture(one) for one in driven])
     result = replace(result, seconds=round(time.perf_counter() - began, 3))
-    write_json(place / "provenance.json", provenance(_identity(run, wanted, seed), result.seconds))
+    write_json(place / "provenance.json", provenance(_identity(run, wanted, options.seed), result.seconds))
     return result
 
 

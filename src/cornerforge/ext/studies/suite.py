@@ -6,21 +6,20 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._arguments import checked
-from cornerforge._checks import check_integer
-from cornerforge._locks import claims
+from cornerforge._options import verb
 from cornerforge.analysis.contact import impact_speed
 from cornerforge.drivers.avs import AVS
 from cornerforge.errors import InputError, ReplayError
-from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge.execution.progress import Progress
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import check_new_folder, code_hash, config_hash, provenance, version, write_json
 from cornerforge.experiment.setting import Experiment, check_threads
+from cornerforge.ext.studies.options import SuiteBuild
 from cornerforge.ext.studies.suite_choice import LeftOut, choose, leave_one_out, rank_agreement
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
@@ -31,7 +30,7 @@ from cornerforge.results.suite import LeftOutAll, LeftOutAv, SuiteAv, SuiteBuilt
 from cornerforge.sim import Ending
 from cornerforge.verbs.cases import SEVERAL, experiment_of
 from cornerforge.verbs.stored_cases import StoredScripts, drive_as_recorded, run_with
-from cornerforge.world_options import AV_PROCESS, AvAskedKeywords, WorldOptions
+from cornerforge.world_options import WorldOptions
 
 __all__ = ["suite_build", "suite_text"]
 
@@ -68,33 +67,12 @@ class _Candidates:
         return np.asarray(np.nansum(self.impact, axis=1) / np.maximum(1, self.crashes.sum(axis=1)))
 
 
-@checked
-@claims()
-def suite_build(
-    libraries: Sequence[Path | str] | Path | str,
-    *,
-    out: Path | str,
-    size: int = 200,
-    zoo: Sequence[str] | None = None,
-    seed: int = 0,
-    threads: int | None = None,
-    progress: Progress = NO_PROGRESS,
-    **world: Unpack[AvAskedKeywords],
-) -> SuiteBuilt:
+@verb(SuiteBuild)
+def suite_build(options: SuiteBuild) -> SuiteBuilt:
     """Choose the fewest cases that find and rank the flaws of many AVs, and store them as a library of their own.
 
     Every stored case is driven as recorded by every AV of the zoo. The suite is chosen by what they show (see
     `ext.studies.suite_choice.choose`) and checked on AVs left out one at a time.
-
-    Args:
-        libraries: Libraries of one model and ODD, whichever AVs and adversaries made them.
-        out: Folder of the suite, new or empty: a library of scripted cases, `suite.json`, `provenance.json`.
-        size: Most cases.
-        zoo: AVs; None: all built-in ones.
-        seed: Of the random sets that it is compared with.
-        threads: None for all cores; does not change the result.
-        progress: Told how far it is.
-        world: How AVs from outside are asked.
 
     Returns:
         What `cornerforge suite build --json` prints.
@@ -103,23 +81,21 @@ def suite_build(
         CornerForgeError: Libraries do not fit together or cannot be read, no AV crashes, or the place cannot be used.
     """
     began = time.perf_counter()
-    check_integer("seed", seed, low=0, high=2**63 - 1)
-    check_integer("size", size, low=1, high=1_000_000)
-    place = Path(out)
-    sources = _opened([libraries] if isinstance(libraries, (str, Path)) else libraries)
-    names = _zoo(zoo)
-    options = WorldOptions(**world)
-    makers = [_maker(cases, options) for cases in sources]
+    place = Path(options.out)
+    sources = _opened([options.libraries] if isinstance(options.libraries, (str, Path)) else options.libraries)
+    names = _zoo(options.zoo)
+    world = options.world()
+    makers = [_maker(cases, world) for cases in sources]
     _check_fit(sources, makers)
     check_new_folder(place)
-    found = _driven(sources, makers, names, options, threads, progress)
-    chosen = choose(found.crashes, found.severity, size)
+    found = _driven(sources, makers, names, world, options.threads, options.progress)
+    chosen = choose(found.crashes, found.severity, options.size)
     identity = _identity(makers, sources[0].on_rails)
-    suite = _stored(place, identity, sources, makers, [found.origin[row] for row in chosen.cases], progress)
+    suite = _stored(place, identity, sources, makers, [found.origin[row] for row in chosen.cases], options.progress)
     ids = suite.scalars(["case_id"])["case_id"].to_pylist()
-    runs = [run_with(suite, options, name) for name in names]
-    again, _ = _impacts(_ends(suite, ids, runs, threads, progress, "the suite"))
-    checked = leave_one_out(found.crashes, found.severity, size, seed=seed, random_sets=_RANDOM_SETS)
+    runs = [run_with(suite, world, name) for name in names]
+    again, _ = _impacts(_ends(suite, ids, runs, options.threads, options.progress, "the suite"))
+    checked = leave_one_out(found.crashes, found.severity, options.size, seed=options.seed, random_sets=_RANDOM_SETS)
     selection = _selection(sources, found, names, chosen.cases, ids)
     write_json(place / SELECTION, {"zoo": names, "cases": selection})
     seconds = round(time.perf_counter() - began, 3)
@@ -128,7 +104,7 @@ def suite_build(
     rows = np.arange(len(found.origin), len(both))
     return SuiteBuilt(
         cases=len(suite),
-        out=str(out),
+        out=str(options.out),
         candidates=len(found.origin),
         left_out=found.failed,
         not_again=found.not_again,
@@ -196,7 +172,7 @@ def _maker(cases: CaseLibrary, options: WorldOptions) -> Experiment:
     """
     av = str(cases.identity.get("av", ""))
     asked = options.with_av(av, is_foreign=is_foreign(av))
-    return experiment_of(cases, **{name: getattr(asked, name) for name in AV_PROCESS})
+    return experiment_of(cases, asked)
 
 
 def _check_fit(sources: Sequence[CaseLibrary], makers: Sequence[Experiment]) -> None:

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
+from cornerforge._options import verb
 from cornerforge.errors import InputError
-from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge.execution.progress import Progress
 from cornerforge.experiment.counting import check_not_all_spoiled
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.setting import Experiment, check_threads, experiment
+from cornerforge.ext.studies.options import Variety
 from cornerforge.fields import HISTORY_SHAPE
 from cornerforge.intervals import binomial_interval
 from cornerforge.library import CaseLibrary
@@ -24,7 +24,7 @@ from cornerforge.library.filling import harvest_tests
 from cornerforge.results import Varied, from_json
 from cornerforge.results.cases import VarietyRow
 from cornerforge.sim import AV_FAULT
-from cornerforge.world_options import WorldKeywords, WorldOptions
+from cornerforge.world_options import WorldOptions
 
 __all__ = ["VARIETY_TESTS", "variety"]
 
@@ -32,29 +32,9 @@ VARIETY_TESTS = (1 << 41) + (1 << 40)
 """Number of the first test on which ways to generate are compared: far from training and evaluation tests."""
 
 
-@checked
-def variety(
-    *,
-    libraries: Sequence[Path | str] = (),
-    policies: Sequence[Path | str] = (),
-    tests: int = 4096,
-    acting: str = "softmax",
-    seed: int = 0,
-    threads: int | None = None,
-    progress: Progress = NO_PROGRESS,
-    **world: Unpack[WorldKeywords],
-) -> Varied:
+@verb(Variety, writes=False)
+def variety(options: Variety) -> Varied:
     """Count the kinds of crash in libraries, or in the same tests driven by policies: greedy, at random, and mixed.
-
-    Args:
-        libraries: Folders; each is a row. Nothing but `seed` may be given with them: their tests are driven already.
-        policies: Policy files. Rows: each greedy, each at random; for two or more also all mixed, both ways.
-        tests: Number of tests for each row of policies.
-        acting: How to act at random, "softmax" or "softmax:T".
-        seed: Seed of the tests and of the bootstrap.
-        threads: None for all cores; does not change the result.
-        progress: Told how far it is.
-        world: The world of the policies, keyword by keyword; see `WorldOptions`.
 
     Returns:
         What `cornerforge variety --json` prints: a row for each library, or each way to generate.
@@ -62,27 +42,30 @@ def variety(
     Raises:
         CornerForgeError: Input or files are not right.
     """
-    check_integer("tests", tests, low=1, high=10**8)
-    check_integer("seed", seed, low=0, high=2**32 - 1)
-    n_threads = check_threads(threads)
-    options = WorldOptions(**world)
-    if bool(libraries) == bool(policies):
+    check_integer("seed", options.seed, low=0, high=2**32 - 1)
+    n_threads = check_threads(options.threads)
+    world = options.world()
+    if bool(options.libraries) == bool(options.policies):
         raise InputError("Give either libraries or policies: cornerforge variety LIB..., or --policy FILE...")
-    if libraries:
-        _refuse_idle({"acting": acting} | asdict(options), {"acting": "softmax"} | asdict(WorldOptions()))
-        return Varied(rows=tuple(_library_row(Path(path), seed) for path in libraries))
-    if acting == "greedy":
+    if options.libraries:
+        _refuse_idle({"acting": options.acting} | asdict(world), {"acting": "softmax"} | asdict(WorldOptions()))
+        return Varied(rows=tuple(_library_row(Path(path), options.seed) for path in options.libraries))
+    if options.acting == "greedy":
         raise InputError("Greedy acting is shown anyway; give how to act at random: --acting softmax:0.1")
-    ways = [([name], way) for name in policies for way in ("greedy", acting)]
-    if len(policies) > 1:
-        ways += [(list(policies), way) for way in ("greedy", acting)]
+    ways = [([name], way) for name in options.policies for way in ("greedy", options.acting)]
+    if len(options.policies) > 1:
+        ways += [(list(options.policies), way) for way in ("greedy", options.acting)]
     rows: list[VarietyRow] = []
     for names, way in ways:
-        run = experiment(options, bv=[str(name) for name in names], acting=way, takes_foreign=True, seed=seed)
+        run = experiment(world, bv=[str(name) for name in names], acting=way, takes_foreign=True, seed=options.seed)
         if not rows:
-            forecast(run, threads, f"driving {len(ways) * tests:,} tests", tests=len(ways) * tests)
+            forecast(
+                run, options.threads, f"driving {len(ways) * options.tests:,} tests", tests=len(ways) * options.tests
+            )
         what = names[0] if len(names) == 1 else f"mixture of {len(names)}"
-        rows.append(_generated_row(run, f"{what}, {run.acting}", tests, seed, n_threads, progress))
+        rows.append(
+            _generated_row(run, f"{what}, {run.acting}", options.tests, options.seed, n_threads, options.progress)
+        )
     return Varied(rows=tuple(rows), first_test=VARIETY_TESTS)
 
 

@@ -6,22 +6,26 @@ from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.rates.plain import ASKED
 from cornerforge.rates.weighted import LEAST_EFFECTIVE, LEAST_TREES
 from cornerforge.results import NaturalRate
+from cornerforge.verbs.sentences.numbers import fault_text, rate_text
 
-__all__ = ["doubt_text", "miles_text", "model_text", "rate_text"]
+__all__ = ["doubt_text", "miles_text", "model_text", "rate_lines", "rated_text"]
 
 _STOPPED = {"target": "the interval is narrow enough", "max_tests": "all tests are done"}
 
 
-def rate_text(found: NaturalRate, target: float | None = None) -> list[str]:
-    """Write the lines below the rate: miles, precision, BV-BV crashes, kinds of crash, cost.
+def rated_text(found: NaturalRate) -> str:
+    """Write the rate and all lines below it."""
+    lines = [rate_text(found, f"{found.av}, natural traffic"), *fault_text(found.av_faults), *rate_lines(found)]
+    return "\n".join(lines)
 
-    `target`: the relative half-width that was asked for; if it was not reached, what it needs is said.
-    """
+
+def rate_lines(found: NaturalRate) -> list[str]:
+    """Write the lines below the rate: miles, precision, what more would take, BV-BV crashes, kinds of crash, cost."""
     lines = [
         *miles_text(found),
         *model_text(found),
         _precision_line(found),
-        *_need_line(found, target),
+        *_need_line(found, found.target_rhw),
         _bv_line(found),
     ]
     if found.mechanism_rates:

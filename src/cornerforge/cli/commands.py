@@ -1,0 +1,155 @@
+"""Commands made of verbs: each option of a verb becomes an option or an argument of its command."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from collections.abc import Callable, Iterable
+from dataclasses import Field, fields
+from pathlib import Path
+from typing import Annotated, Any, get_args, get_origin
+
+import typer
+
+from cornerforge._arguments import allowed_types
+from cornerforge._options import Command, Option, is_required, options_of
+from cornerforge.cli.config import read_config
+from cornerforge.cli.output import EXIT_GATE, Bars, run_command
+from cornerforge.cli.program import command_class, epilog, group_of
+
+__all__ = ["add_command", "flag"]
+
+
+def flag(name: str, text: str) -> Any:
+    """An option without a value; help would else show one for it."""
+    return typer.Option(name, help=text, metavar="")
+
+
+def _completing(words: tuple[str, ...]) -> Callable[[str], list[str]] | None:
+    """Make what a shell asks when it completes a value: the words that begin like it; None without words."""
+
+    def complete(incomplete: str) -> list[str]:  # Typer asks for this name
+        places = {("av",): "drivers.avs:AVS", ("odd",): "types:ODDS"}
+        known: Iterable[str] = _found(places[words]) if words in places else words
+        return [name for name in known if name.startswith(incomplete)]
+
+    return complete if words else None
+
+
+_GENERAL = {
+    "config": (
+        Path | None,
+        typer.Option(
+            metavar="FILE", is_eager=True, callback=read_config, show_default=False,
+            help="TOML file with these options by their long names (lanes = 4). An option on the command line wins, "
+            "also --no-NAME for a flag NAME = true. Paths in the file, and a module of its av, are looked for from its "
+            "folder.",
+        ),
+        None,
+    ),
+    "engine": (
+        str,
+        typer.Option(
+            help="Where it is computed: threads of this machine, or ray, a cluster. Does not change results.",
+            autocompletion=_completing(("threads", "ray")),
+        ),
+        "threads",
+    ),
+    "address": (
+        str | None,
+        typer.Option(help="Of a Ray cluster, HOST:PORT or auto; without it one is started here.", show_default=False),
+        None,
+    ),
+    "out": (
+        Path | None,
+        typer.Option("--out", help="New file for the object that --json prints.", show_default=False),
+        None,
+    ),
+    "quiet": (bool, flag("--quiet", "No text and no progress bars."), False),
+    "as_json": (bool, flag("--json", "Print exactly one JSON object on standard output."), False),
+    "debug": (bool, flag("--debug", "Show the traceback of an error."), False),
+}  # fmt: skip
+"""Options that commands have besides those of their verbs: type, how it is shown, default."""
+
+
+def _parameter(name: str, kind: Any, shown: Any, default: Any) -> inspect.Parameter:
+    annotated: Any = Annotated  # made here, not written down, so mypy must not read it as a type
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotated[kind, shown])
+
+
+def _type_of(hint: Any) -> Any:
+    """Choose the type that the command line reads: the first one named.
+
+    >>> from collections.abc import Sequence
+    >>> _type_of(Sequence[Path | str] | None), _type_of(str | int)
+    (list[pathlib.Path], <class 'str'>)
+    """
+    first = next(kind for kind in allowed_types(hint) if kind is not type(None))
+    return first if get_origin(first) is None else list[allowed_types(get_args(first)[0])[0]]  # type: ignore[misc]
+
+
+def _own_parameter(one: Field[Any], hint: Any, option: Option) -> inspect.Parameter:
+    """Make an option of a verb a parameter that Typer makes an option or an argument of."""
+    kind = _type_of(hint)
+    is_list, required = get_origin(kind) is list, is_required(one)
+    default = inspect.Parameter.empty if required else None if is_list else one.default
+    shown_default: Any = option.default or not (required or default is None)
+    metavar, name = option.metavar or None, option.name or f"--{one.name.replace('_', '-')}"
+    text = option.help
+    if option.low is not None and option.high is not None and option.high < 1e9:
+        text = f"{text.rstrip('.')}; {option.low:g} to {option.high:g}."
+    if not one.kw_only:
+        shown = typer.Argument(metavar=metavar, help=text, show_default=shown_default)
+    elif kind is bool:
+        shown = flag(name, text)
+    else:
+        shown = typer.Option(
+            name, *filter(None, [option.also]), metavar=metavar, help=text, show_default=shown_default,
+            autocompletion=_completing(option.choices or option.near),
+        )  # fmt: skip
+    return _parameter(one.name, kind if required or not (is_list or default is None) else kind | None, shown, default)
+
+
+def _found(place: str) -> Any:
+    """Give what "module:name" names, below cornerforge."""
+    module, _, name = place.partition(":")
+    return getattr(importlib.import_module(f"cornerforge.{module}"), name)
+
+
+def add_command(told: Command) -> None:
+    """Make a command of what is told of it."""
+    shown = [(one, hint, option) for one, hint, option in options_of(told.options) if not option.hidden]
+    own = {one.name: _own_parameter(one, hint, option) for one, hint, option in shown}
+    general = {
+        name: _parameter(name, *made)
+        for name, made in _GENERAL.items()
+        if name not in own and (told.spreads or name not in ("engine", "address"))
+    }
+    watched = any(one.name == "progress" for one in fields(told.options))
+
+    def command(**given: Any) -> None:
+        wanted = {name: given[name] for name in own if given[name] is not None and given[name] != []}
+
+        def work(bars: Bars, tell: Callable[[Any], None]) -> Any:
+            more = {"progress": bars} if watched else {"up": tell} if told.early else {}
+            return _found(told.verb)(**wanted, **more)
+
+        result = run_command(
+            work, lambda result: _found(told.says)(result), as_json=given["as_json"], quiet=given["quiet"],
+            out=None if "out" in own else given["out"], stages=told.stages, early=told.early,
+            at=(given.get("engine", "threads"), given.get("address"), given.get("threads")),
+        )  # fmt: skip
+        failure = _found(told.fails)(result) if told.fails else None
+        if failure is not None:
+            if failure:
+                typer.echo(failure, err=True)
+            raise typer.Exit(EXIT_GATE)
+
+    parameters = [*own.values(), *general.values()]
+    name = told.verb.partition(":")[2]
+    command.__name__, command.__doc__ = name, inspect.cleandoc(told.options.__doc__ or "")
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    command.__annotations__ = {one.name: one.annotation for one in parameters}  # Typer reads both
+    many = tuple(option.name or f"--{one.name}" for one, _, option in shown if option.many)
+    group, _, word = (told.name or name.replace("_", "-")).rpartition(" ")
+    group_of(group).command(word, cls=command_class(many), epilog=epilog(told.examples))(command)

@@ -1,0 +1,107 @@
+"""Options of cases out to other people's tools, and in from them: `export`, `import`, `cases from-data`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+from cornerforge._options import Command, Option, Resumable, Seeded, Watched
+from cornerforge.verbs.options.cases import CASES, LIBRARY
+from cornerforge.world_options import AvAloneOptions
+
+__all__ = ["COMMANDS", "Export", "FromData", "ImportCases"]
+
+_FORMATS = ("openscenario", "commonroad", "csv", "parquet", "rerun", "json")
+_CASES_OUT = Option("Folder for case files and library, new or empty.")
+_IN_SEAT = Option(
+    "The AV in the seat: recorded (whatever was in it), a built-in AV, or your own as for run.",
+    metavar="AV", near=("recorded",),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Export(Resumable, Watched):
+    """Write cases for other tools: OpenSCENARIO with OpenDRIVE, CommonRoad, tables, rerun."""
+
+    library: Annotated[Path | str, LIBRARY] = field(kw_only=False)
+    cases: Annotated[Sequence[str] | str, CASES] = field(kw_only=False)
+    to: Annotated[str, Option(f"One of {', '.join(_FORMATS)}.", metavar="FORMAT", near=_FORMATS)]
+    out: Annotated[Path | str, Option("Folder for the files, new or empty.")]
+    version: Annotated[str, Option("Of OpenSCENARIO: 1.0 to 1.3.", near=("1.0", "1.1", "1.2", "1.3"))] = "1.2"
+    mode: Annotated[
+        str,
+        Option(
+            "recorded: all move as recorded; controller: yours drives the AV (in CommonRoad a planning problem), the "
+            "others as recorded; relative (OpenSCENARIO): the partner's manoeuvre begins at the recorded time gap.",
+            metavar="recorded|controller|relative", near=("recorded", "controller", "relative"),
+        ),
+    ] = "recorded"  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportCases(AvAloneOptions, Seeded, Watched):
+    """Read scenarios of other tools as cases, and drive an AV through them."""
+
+    files: Annotated[
+        Sequence[Path | str] | Path | str,
+        Option("OpenSCENARIO (.xosc), CommonRoad (.xml), tables (.csv, .parquet).", metavar="FILE..."),
+    ] = field(kw_only=False)
+    out: Annotated[Path | str, _CASES_OUT]
+    av: Annotated[str, _IN_SEAT] = "recorded"
+    ego: Annotated[
+        str | None,
+        Option(
+            "Vehicle in the AV's seat: its name, in CommonRoad its number. By default Ego, the one with a controller, "
+            "or the planning problem's."
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FromData(AvAloneOptions, Seeded, Watched):
+    """Make cases of the most critical moments of recorded traffic, and drive an AV through them."""
+
+    files: Annotated[
+        Sequence[Path | str] | Path | str,
+        Option("Trajectories of all vehicles: highD, NGSIM, TGSIM, or tracks with lanes.", metavar="FILE..."),
+    ] = field(kw_only=False)
+    out: Annotated[Path | str, _CASES_OUT]
+    av: Annotated[str, _IN_SEAT] = "recorded"
+    cases: Annotated[int, Option("How many cases at most.")] = 50
+    measure: Annotated[
+        str,
+        Option(
+            "What is critical: deceleration needed, time to collision, time headway, time to a contact.",
+            metavar="drac|ttc|thw|contact", near=("drac", "ttc", "thw", "contact"),
+        ),
+    ] = "drac"  # fmt: skip
+    before: Annotated[float, Option("Seconds before the moment.")] = 5.0
+    after: Annotated[float, Option("Seconds after it.")] = 3.0
+    data_format: Annotated[
+        str | None, Option("Format of the files; by default their columns tell.", name="--format")
+    ] = None
+
+
+COMMANDS = (
+    Command(
+        Export, "ext.interchange.export:export", "ext.interchange.export:export_text",
+        (
+            "cornerforge export out/demo/library 0:0 --to openscenario --out out/xosc",
+            "cornerforge export out/demo/library all --to commonroad --out out/commonroad",
+        ),
+    ),
+    Command(
+        ImportCases, "ext.interchange.import_cases:import_cases", "ext.interchange.import_cases:import_text",
+        (
+            "cornerforge import cut_in.xosc --out out/imported",
+            "cornerforge import USA_US101-*.xml --av my_av.py:MyAv --out out/us101",
+        ),
+        name="import",
+    ),
+    Command(
+        FromData, "ext.interchange.from_data:cases_from_data", "ext.interchange.from_data:from_data_text",
+        ("cornerforge cases from-data trajectories.csv --out out/moments",), name="cases from-data",
+    ),
+)  # fmt: skip

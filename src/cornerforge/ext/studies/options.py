@@ -1,0 +1,98 @@
+"""Options of studies: `suite build`, `r157`, `variety`, `plausibility`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+from cornerforge._options import Command, Option, Resumable, Weighed
+from cornerforge.world_options import AvAskedOptions, AvOptions, WorldOptions
+
+__all__ = ["BUDGETS_NATS", "COMMANDS", "R157", "PlausibilityStudy", "SuiteBuild", "Variety"]
+
+BUDGETS_NATS = (10.0, 20.0, 40.0, 60.0, 80.0)
+"""Likelihood budgets that `plausibility` trains for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SuiteBuild(AvAskedOptions, Weighed):
+    """Choose the fewest cases that find and rank the flaws of many AVs; checked on AVs left out."""
+
+    libraries: Annotated[
+        Sequence[Path | str] | Path | str, Option("Case libraries of one model and ODD.", metavar="LIB...")
+    ] = field(kw_only=False)
+    out: Annotated[Path | str, Option("Folder of the suite, a library itself.")]
+    size: Annotated[int, Option("Most cases.", low=1, high=1_000_000)] = 200
+    zoo: Annotated[
+        Sequence[str] | None,
+        Option("AV that drives the cases; may be given again. By default all built-in ones.", near=("av",)),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class R157(AvOptions, Weighed):
+    """Drive an AV through the scenarios of UN Regulation 157, beside the reference drivers."""
+
+    families: Annotated[
+        Sequence[str] | str,
+        Option(
+            "cut-in, cut-out or deceleration; may be given again. All by default.",
+            name="--family", near=("cut-in", "cut-out", "deceleration", "all"),
+        ),
+    ] = "all"  # fmt: skip
+    out: Annotated[Path | str | None, Option("Folder for the page, scenarios.csv and the library of failures.")] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variety(WorldOptions, Weighed):
+    """Count kinds of crash: in libraries, or as policies make them greedily, at random and mixed."""
+
+    libraries: Annotated[Sequence[Path | str], Option("Case libraries.", metavar="LIB...")] = field(
+        kw_only=False, default=()
+    )
+    policies: Annotated[
+        Sequence[Path | str], Option("Policy file instead of libraries; may be given again.", name="--policy")
+    ] = ()
+    tests: Annotated[int, Option("Tests for each way to generate.", low=1, high=10**8)] = 4096
+    acting: Annotated[str, Option("How to act at random: softmax or softmax:T.")] = "softmax"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlausibilityStudy(AvOptions, Resumable, Weighed):
+    """Plot what an adversary reaches against how plausible it must stay: one training per budget and seed."""
+
+    out: Annotated[Path | str, Option("Folder for policies, curve and figure.")]
+    budgets: Annotated[
+        Sequence[float],
+        Option("Likelihood budget in nats; may be given again. 10, 20, 40, 60, 80.", name="--budget", unit="nats"),
+    ] = BUDGETS_NATS
+    seeds: Annotated[int, Option("Training seeds per budget.", low=1, high=1000)] = 3
+    decisions: Annotated[
+        int | None, Option("Length of a training; the fast preset's by default.", low=1, high=10**12)
+    ] = None
+    tests: Annotated[int, Option("Evaluation tests of each policy.", low=1, high=10**8)] = 8192
+
+
+COMMANDS = (
+    Command(
+        SuiteBuild, "ext.studies.suite:suite_build", "ext.studies.suite:suite_text",
+        ("cornerforge suite build out/demo/library --size 20 --out out/suite",), name="suite build",
+    ),
+    Command(
+        R157, "ext.studies.r157:r157", "ext.studies.r157:r157_text",
+        ("cornerforge r157 --av idm-mobil --out out/r157", "cornerforge r157 --av my_av:MyAv --family cut-in"),
+    ),
+    Command(
+        Variety, "ext.studies.variety:variety", "ext.studies.variety:variety_text",
+        (
+            "cornerforge variety out/demo/library",
+            "cornerforge variety --policy out/demo/policy.safetensors --tests 1024",
+        ),
+    ),
+    Command(
+        PlausibilityStudy, "ext.studies.plausibility:plausibility", "ext.studies.plausibility:plausibility_text",
+        ("cornerforge plausibility --budget 20 --budget 60 --out out/plausible",), spreads=True,
+    ),
+)  # fmt: skip

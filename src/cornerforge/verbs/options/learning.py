@@ -1,0 +1,95 @@
+"""Options of learning: `train` and `train-av`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cornerforge._options import Command, Option, Options, Resumable, Weighed
+from cornerforge.world_options import REWARD_NAMES, RoadOptions, WorldOptions
+
+__all__ = ["COMMANDS", "REWARD", "Train", "TrainAv"]
+
+REWARD = Option(
+    f"Crashes of the AV that are paid for: {', '.join(REWARD_NAMES)}; crash: all. preventable:DRIVER and "
+    "preventable-by-braking:DRIVER name the reference driver, cc-human by default.",
+    near=REWARD_NAMES,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Length(Options):
+    """How long a training lasts."""
+
+    decisions: Annotated[
+        int | None,
+        Option(
+            "Length in decisions: seconds of driving.",
+            "None: the usual length. The same seed and decisions give the same weights on one machine.",
+            low=1,
+            high=10**12,
+        ),
+    ] = None
+    minutes: Annotated[
+        float | None,
+        Option(
+            "Stop after this time; the result then depends on speed.",
+            "The learning rate falls over it. With `decisions` too, whichever comes first ends it.",
+            low=0.01,
+            high=1e5,
+            unit="min",
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Train(WorldOptions, _Length, Weighed):
+    """Train the adversary on an AV.
+
+    On one machine the same command gives the same policy; on another processor the weights may differ.
+    """
+
+    out: Annotated[
+        Path | str,
+        Option(
+            "Policy file to write, .safetensors.",
+            "Date and duration stand in `NAME.provenance.json` beside it, so the same training gives the same bytes.",
+        ),
+    ]
+    preset: Annotated[str, Option("fast or paper.", near=("fast", "paper"))] = "fast"
+    reward: Annotated[str, REWARD] = "crash"
+    delay: Annotated[float, Option("Seconds that the AV has to react, in avoidable.")] = 1.0
+    tests: Annotated[int, Option("Evaluation tests for each yield.", low=1, high=10**9)] = 8192
+    resume: Annotated[
+        bool,
+        Option(
+            "Go on with a stopped training; keep a finished one.",
+            "Its state is in `OUT.checkpoint`; the weights are the same as without the stop, unless `minutes` ends it.",
+        ),
+    ] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainAv(RoadOptions, _Length, Resumable, Weighed):
+    """Train an AV to drive in natural and hostile traffic."""
+
+    out: Annotated[Path | str, Option("AV file to write, .safetensors; --av takes it.")]
+    tests: Annotated[int, Option("Tests in natural traffic to measure it on.", low=1, high=10**9)] = 20_000
+    overwrite: Annotated[bool, Option("Replace the file.")] = False
+
+
+COMMANDS = (
+    Command(
+        Train, "verbs.train:train", "verbs.sentences.learning:train_text",
+        (
+            "cornerforge train --av rl --decisions 1000000 --out out/rl.safetensors",
+            "cornerforge train --budget 20 --out out/likely.safetensors",
+        ),
+        stages=True,
+    ),
+    Command(
+        TrainAv, "verbs.train_av:train_av", "verbs.sentences.learning:train_av_text",
+        ("cornerforge train-av --decisions 1000000 --out out/av.safetensors",),
+    ),
+)  # fmt: skip

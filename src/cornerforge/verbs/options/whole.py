@@ -1,0 +1,79 @@
+"""Options of the whole job: `init`, `run`, `report`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+from cornerforge._options import Command, Option, Options, Resumable, Weighed
+from cornerforge.verbs.options.cases import DEFAULT_LOOKS, LOOKS, REACTION
+from cornerforge.verbs.options.learning import REWARD
+from cornerforge.world_options import WorldOptions
+
+__all__ = ["COMMANDS", "STAND_IN", "Init", "MakeReport", "Run"]
+
+STAND_IN = "idm-mobil"
+"""The AV that an adversary learns against when there is no time to learn against the AV under test."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Init(Options):
+    """Write a folder to start from: an AV class, a config for `run --config`, and a README."""
+
+    folder: Annotated[Path | str, Option("The folder; new, or without these files.", metavar="DIR")] = field(
+        kw_only=False
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run(WorldOptions, Resumable, Weighed):
+    """Do the whole job: natural traffic, natural crash rate, training, cases, analyses, report."""
+
+    effort: Annotated[
+        str | None,
+        Option(
+            "quick (4 minutes on 2 cores), standard (15) or paper.", near=("quick", "standard", "paper"),
+            default="quick",
+        ),
+    ] = None  # fmt: skip
+    hours: Annotated[
+        float | None,
+        Option(
+            "Time for all of it instead of an effort: does what fits, so results depend on speed. For slow AVs.",
+            low=0.001, high=1000.0, unit="h",
+        ),
+    ] = None  # fmt: skip
+    stand_in: Annotated[
+        str, Option("Built-in AV to train against when the hours are too few to train against --av.")
+    ] = STAND_IN
+    out: Annotated[Path | str, Option("Folder for everything; new or empty.")] = "cornerforge-out"
+    reward: Annotated[str, REWARD] = "crash"
+
+
+@dataclass(frozen=True, kw_only=True)
+class MakeReport(Weighed):
+    """Make the page of a run, of a natural rate or of any library, whichever AV made it."""
+
+    place: Annotated[Path | str, Option("A library, or a folder of run or rate.", metavar="LIB|RUN")] = field(
+        kw_only=False
+    )
+    out: Annotated[
+        Path | str, Option("Of a library: folder for report.html and analysis/. The page of a run stays there.")
+    ] = "cornerforge-report"
+    avoidability: Annotated[str | int, LOOKS] = DEFAULT_LOOKS
+    reaction: Annotated[float, REACTION] = 0.0
+
+
+COMMANDS = (
+    Command(Init, "verbs.init:init", "verbs.sentences.whole:init_text", ("cornerforge init my-av",)),
+    Command(
+        Run, "verbs.run:run", "verbs.sentences.whole:run_text",
+        ("cornerforge run --effort quick --out out/demo", "cornerforge run --config cornerforge.toml --seed 1"),
+        stages=True,
+    ),
+    Command(
+        MakeReport, "verbs.make_report:make_report", "verbs.sentences.whole:report_text",
+        ("cornerforge report out/demo/library --out out/page",), name="report", stages=True,
+    ),
+)  # fmt: skip
