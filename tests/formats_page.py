@@ -1,23 +1,27 @@
 # ruff: noqa: E501  (rows of tables)
-"""The page docs/formats.md: every file that cornerforge writes and reads again, from the lists that readers check."""
+"""The page docs/formats.md: every file that cornerforge writes and reads again, from the types and lists that readers check."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import fields
+from math import inf
+from typing import Any
 
+import msgspec
 from library_relations import RELATIONS
 
-from cornerforge.adversary.checkpoint import CHECKPOINT_FIELDS, CHECKPOINT_SCHEMA
-from cornerforge.experiment.av_file import AV_FIELDS, AV_FILE_SCHEMA
-from cornerforge.experiment.policy_file import POLICY_FIELDS, POLICY_SCHEMA
-from cornerforge.ext.studies.model_draws import DRAW_FIELDS
+from cornerforge.adversary.checkpoint import CHECKPOINT_SCHEMA, CheckpointHeader
+from cornerforge.experiment.av_file import AV_FILE_SCHEMA, AvHeader
+from cornerforge.experiment.policy_file import POLICY_SCHEMA, PolicyHeader
+from cornerforge.ext.studies.model_draws import Draw
 from cornerforge.fields import Field
-from cornerforge.library.schema import FILE_FIELDS, IDENTITY_FIELDS, MANIFEST_FIELDS, SCHEMA_VERSION, SHARD_FIELDS
+from cornerforge.library.manifest import Manifest, Shard, StoredFile
+from cornerforge.library.schema import SCHEMA_VERSION, RunIdentity
 from cornerforge.ndd.memory import Memory
 from cornerforge.ndd.model import SCHEMA_VERSION as MODEL_SCHEMA
 from cornerforge.ndd.model import TABLES, InitialState, NddModel
-from cornerforge.rates.monte_carlo import COUNTS_FIELDS
+from cornerforge.rates.monte_carlo import MonteCarlo
 
 __all__ = ["formats_markdown"]
 
@@ -25,6 +29,28 @@ __all__ = ["formats_markdown"]
 def _table(rows: Iterable[Field], key: str = "key") -> list[str]:
     lines = [f"| {key} | type | unit | allowed | meaning |", "| --- | --- | --- | --- | --- |"]
     return [*lines, *(f"| `{r.name}` | {r.type} | {r.unit} | {r.allowed} | {r.meaning} |" for r in rows), ""]
+
+
+def _keys(kind: type) -> list[str]:
+    """Keys of an object, from the type that checks them."""
+    whole = msgspec.json.schema(kind)["$defs"][kind.__name__]
+    lines = ["| key | type | unit | allowed | meaning |", "| --- | --- | --- | --- | --- |"]
+    for name, one in whole["properties"].items():
+        kinds = one.get("anyOf", [one])
+        about = one if "description" in one else kinds[0]
+        words = " or ".join(map(_in_words, kinds)) + ("" if name in whole["required"] else ", may be missing")
+        low, high = kinds[0].get("minimum", -inf), kinds[0].get("maximum", inf)
+        allowed = Field("", "", "", "", (low, high)).allowed
+        lines.append(f"| `{name}` | {words} | {about.get('unit', '')} | {allowed} | {about['description']} |")
+    return [*lines, ""]
+
+
+def _in_words(kind: dict[str, Any]) -> str:
+    if "pattern" in kind:
+        return "hex"
+    if kind.get("type") == "array":
+        return f"list of {_in_words(kind['items'])}"
+    return "object" if "$ref" in kind or "allOf" in kind else str(kind["type"])
 
 
 def _numbers(kind: type) -> list[str]:
@@ -45,7 +71,7 @@ def formats_markdown() -> str:
 
 _BEGIN = """# Formats of files
 
-What cornerforge writes and reads again. The tables are made from the lists that its readers check (`make golden`), so a
+What cornerforge writes and reads again. The tables are made from the types and lists that its readers check (`make golden`), so a
 value outside a range here is refused: one line says the file, the field, what it is and what it must be.
 
 ## What holds for all files
@@ -74,8 +100,9 @@ model (`model.npz`) and the policies that drove.
 
 ### manifest.json
 """,
-    *_table(MANIFEST_FIELDS), "Of `run`, where cases are driven by cornerforge (other keys may be there):", "", *_table(IDENTITY_FIELDS),
-    "Of each shard:", "", *_table(SHARD_FIELDS), "Of each file:", "", *_table(FILE_FIELDS),
+    *_keys(Manifest), "Besides `format`, always `cornerforge case library`; `schema_version`, the lowest that can read it; `sha256`, of the other keys.", "",
+    "Of `run`, where cases are driven by cornerforge (other keys may be there):", "", *_keys(RunIdentity),
+    "Of each shard:", "", *_keys(Shard), "Of each file:", "", *_keys(StoredFile),
     "### What holds between values",
     "",
     "cornerforge writes every row so, and its tests look; a reader does not look again.",
@@ -100,17 +127,17 @@ _WEIGHTS = [
 The array `weights` (float32: all layers one after the other, as at `drivers.policy.PolicyNumbers`, finite, as many as
 the network has), and the header `cornerforge` in the metadata:
 """,
-    *_table(POLICY_FIELDS),
+    *_keys(PolicyHeader),
     f"""## A learned AV (`.safetensors`; schema {AV_FILE_SCHEMA})
 
 The array `weights`, and the header `cornerforge_av`:
 """,
-    *_table(AV_FIELDS),
+    *_keys(AvHeader),
     f"""## An unfinished training (`.checkpoint`, a safetensors file; schema {CHECKPOINT_SCHEMA})
 
 It lies beside the policy, and goes when the training ends. Its header `cornerforge_checkpoint`:
 """,
-    *_table(CHECKPOINT_FIELDS),
+    *_keys(CheckpointHeader),
 ]  # fmt: skip
 
 _RUN = [
@@ -127,7 +154,7 @@ _RUN = [
 
 ### counts.json
 """,
-    *_table(COUNTS_FIELDS), "### A file of draws/", "", *_table(DRAW_FIELDS),
+    *(line.replace(", may be missing", "") for line in _keys(MonteCarlo)), "### A file of draws/", "", *_keys(Draw),
 ]  # fmt: skip
 
 _VERSIONS = [

@@ -11,13 +11,11 @@ import pytest
 
 from cornerforge._arrow import arrow_type
 from cornerforge._jit import kernel
-from cornerforge._objects import object_fault
 from cornerforge._values import column_fault
 from cornerforge.analysis.avoidability import AVOIDABILITY_COLUMNS
 from cornerforge.analysis.stored import CASE_COLUMNS
-from cornerforge.experiment.policy_file import POLICY_FIELDS
 from cornerforge.fields import CASE_ROW, CASES, FRAME_FIELDS, HISTORY_SHAPE, POSE, REALS, SERIES, TRACKS, Field
-from cornerforge.library.schema import IDENTITY_FIELDS, MANIFEST_FIELDS, RAILS_TRACKS, own_fields
+from cornerforge.library.schema import RAILS_TRACKS, own_fields
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import harvest
 from cornerforge.sim.keep import Decisions
@@ -87,13 +85,10 @@ def test_the_kernel_fills_every_number_of_a_case() -> None:
 
 
 COLUMNS = (*CASES, *RAILS_TRACKS, *CASE_COLUMNS, *AVOIDABILITY_COLUMNS, *own_fields({"mine": "float"}))
-KEYS = (*MANIFEST_FIELDS, *IDENTITY_FIELDS, *POLICY_FIELDS)
 
 
-def _accepted(field: Field, *, is_key: bool) -> tuple[bool, ...]:
-    """Whether no value, null, and a number beyond all ranges are accepted as a key's; or null, NaN, inf in a column."""
-    if is_key:
-        return tuple(object_fault(one, [field]) is None for one in ({}, {field.name: None}, {field.name: 1e300}))
+def _accepted(field: Field) -> tuple[bool, ...]:
+    """Whether null, NaN and inf are accepted in a column."""
     kind = arrow_type(field.type)
     inner = kind.value_type if pa.types.is_nested(kind) else kind
     columns = [pa.nulls(1, kind)]
@@ -104,11 +99,11 @@ def _accepted(field: Field, *, is_key: bool) -> tuple[bool, ...]:
     return tuple(column_fault(pa.chunked_array([one]), field, str) is None for one in columns)
 
 
-@pytest.mark.parametrize("field", [*COLUMNS, *KEYS], ids=lambda field: field.name)
+@pytest.mark.parametrize("field", COLUMNS, ids=lambda field: field.name)
 def test_words_decide_nothing_and_tell_what_is_decided(field: Field) -> None:
-    flags = field.nullable, field.optional, field.nan
-    for words in ("x", "null NaN may be missing"):
+    flags = field.nullable, field.nan
+    for words in ("x", "null NaN"):
         other = dataclasses.replace(field, meaning=words, unit=words)
-        assert (other.nullable, other.optional, other.nan) == flags
-        assert _accepted(other, is_key=field in KEYS) == _accepted(field, is_key=field in KEYS)
-    assert tuple(word in field.meaning for word in ("null", "may be missing", "NaN")) == flags
+        assert (other.nullable, other.nan) == flags
+        assert _accepted(other) == _accepted(field)
+    assert tuple(word in field.meaning for word in ("null", "NaN")) == flags

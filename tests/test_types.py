@@ -2,10 +2,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import get_type_hints
 
 import numpy as np
 import pytest
 
+from cornerforge._schema import unit_of
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.types import (
     ACCELERATIONS,
@@ -97,7 +99,7 @@ def test_an_odd_refuses_counts_out_of_range(field: str, value: int) -> None:
 
 
 def test_all_fields_with_a_dimension_state_their_unit() -> None:
-    stated = {field.name for field in dataclasses.fields(Odd) if "unit" in field.metadata}
+    stated = {name for name, kind in get_type_hints(Odd, include_extras=True).items() if unit_of(kind.__metadata__[0])}
     assert stated == {*NUMBERS, "slower_right", "max_jerk"}
     assert {f.name for f in dataclasses.fields(Scenario) if "unit" in f.metadata} == {
         "x",

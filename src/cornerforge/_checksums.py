@@ -23,7 +23,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from cornerforge._files import check_regular, read_bytes, reason, writing
-from cornerforge._strict_json import parse
+from cornerforge._schema import parse
 from cornerforge.errors import FileFormatError
 
 __all__ = [

@@ -58,7 +58,6 @@ class Field:
         meaning: One sentence, with the edge values.
         within: Smallest and largest value, inclusive; None: any. NaN and null have rules of their own.
         nullable: A value may be null; NaN stands for it in arrays.
-        optional: An object may lack it.
         nan: A value, or one in a list, may be NaN.
     """
 
@@ -68,7 +67,6 @@ class Field:
     meaning: str
     within: tuple[float, float] | None = None
     nullable: bool = False
-    optional: bool = False
     nan: bool = False
 
     @property

@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer, check_number
+from cornerforge._schema import check_fields, meant
 from cornerforge.errors import UnknownNameError
 
 __all__ = [
@@ -129,66 +131,62 @@ ACTION_HOLD = ACTIONS.index(Action("+0.0 m/s²", 0, 0.0))
 """Index of acceleration 0."""
 
 
+LATER = {
+    "truck_share": 0.0, "motorcycle_share": 0.0, "ignored_rear": 0.0, "same_duration": False, "slower_right": 0.0,
+    "max_jerk": math.inf,
+}  # fmt: skip
+"""Fields of an ODD that files may lack, and what they are there."""
+
+
 @dataclass(frozen=True)
 class Odd:
     """Operational design domain: what is constant in a run (paper: theta).
 
-    Attributes are checked on construction; see each field's `metadata["unit"]`.
-
     Raises:
-        InputError: A field is outside its allowed range.
+        InputError: A field is outside its range, the AV starts beyond the `traffic_length`, or the shares of classes
+            are too large together.
     """
 
-    name: str = "default"
-    n_lanes: int = 3
-    lane_width: float = field(default=4.0, metadata={"unit": "m"})
-    vehicle_length: float = field(default=5.0, metadata={"unit": "m"})
-    vehicle_width: float = field(default=2.0, metadata={"unit": "m"})
-    max_speed: float = field(default=40.0, metadata={"unit": "m/s"})
-    lane_change_duration: float = field(default=4.0, metadata={"unit": "s"})
-    """How long an undisturbed lane change takes; of BVs see `same_duration`."""
-    max_lateral_acceleration: float = field(default=4.0, metadata={"unit": "m/s2"})
-    test_length: float = field(default=400.0, metadata={"unit": "m"})
-    time_limit: float = field(default=60.0, metadata={"unit": "s"})
-    av_start: float = field(default=240.0, metadata={"unit": "m"})
-    """Where the AV starts on the `traffic_length` that is filled with traffic."""
-    traffic_length: float = field(default=640.0, metadata={"unit": "m"})
-    av_substeps: int = 1
-    """Physics substeps (0.1 s each) between two decisions of the AV; 10 means once a second, as the BVs."""
-    truck_share: float = 0.0
-    motorcycle_share: float = 0.0
-    """Shares of these classes among the BVs, each drawn independently; the other BVs and the AV are cars. At the start
-    a lane has the more trucks the farther right it is (`road.straight.truck_share_in`)."""
-    ignored_rear: float = 0.0
-    """Chance that a BV which wants to change lanes ignores the vehicle behind it there, `IGNORED_FROM` or more away."""
-    same_duration: bool = False
-    """All lane changes take `lane_change_duration`, even if the naturalistic model gives every BV a time of its own."""
-    slower_right: float = field(default=0.0, metadata={"unit": "m/s"})
-    """How much slower traffic flows in the rightmost lane than in the leftmost; even steps between, the mean stays."""
-    max_jerk: float = field(default=12.65, metadata={"unit": "m/s3"})
-    """How fast an acceleration goes to the commanded one; inf: at once. 12.65: that of UN R157's careful driver."""
+    name: Annotated[str, Meta(max_length=200, description="What it is called.")] = "default"
+    n_lanes: Annotated[int, meant("Lanes in the direction of travel; lane 0 is the rightmost.", "", 2, MAX_LANES)] = 3
+    lane_width: Annotated[float, meant("Of all lanes.", "m", 2.5, 6)] = 4.0
+    vehicle_length: Annotated[float, meant("Length of the AV, and of cars.", "m", 2, 20)] = 5.0
+    vehicle_width: Annotated[float, meant("Width of the AV, and of cars.", "m", 1, 2.6)] = 2.0
+    max_speed: Annotated[float, meant("Largest speed of any vehicle.", "m/s", 10, 80)] = 40.0
+    lane_change_duration: Annotated[
+        float, meant("How long an undisturbed lane change takes; of BVs see `same_duration`.", "s", 0.5, 10)
+    ] = 4.0
+    max_lateral_acceleration: Annotated[float, meant("No lane change has more.", "m/s2", 1, 1000)] = 4.0
+    test_length: Annotated[float, meant("The drive ends when the AV has come so far.", "m", 10, 1e5)] = 400.0
+    time_limit: Annotated[float, meant("The drive ends after this time.", "s", 1, 3600)] = 60.0
+    av_start: Annotated[
+        float, meant("Where the AV starts on the `traffic_length` that is filled with traffic.", "m", 0, 5000)
+    ] = 240.0
+    traffic_length: Annotated[
+        float, meant("Stretch with traffic; it makes room for a vehicle every 40 m in each lane.", "m", 50, 5000)
+    ] = 640.0
+    av_substeps: Annotated[
+        int, meant("Physics substeps (0.1 s) between two decisions of the AV; 10: once a second, as BVs.", "", 1, 10)
+    ] = 1
+    truck_share: Annotated[float, meant("Share of trucks among the BVs; in a lane the more, the farther right it is "
+        "(`road.straight.truck_share_in`).", "", 0, 0.5)] = 0.0  # fmt: skip
+    motorcycle_share: Annotated[float, meant("Share of motorcycles; other BVs and the AV are cars.", "", 0, 1)] = 0.0
+    ignored_rear: Annotated[float, meant("Chance that a BV which wants to change lanes ignores the vehicle behind it "
+        "there, `IGNORED_FROM` or more away.", "", 0, 1)] = 0.0  # fmt: skip
+    same_duration: Annotated[bool, meant("All lane changes take `lane_change_duration`, even if the naturalistic model "
+        "gives every BV a time of its own.")] = False  # fmt: skip
+    slower_right: Annotated[float, meant("How much slower traffic flows in the rightmost lane than in the leftmost; "
+        "even steps between, the mean stays.", "m/s", 0, 10)] = 0.0  # fmt: skip
+    max_jerk: Annotated[float, meant("How fast an acceleration goes to the commanded one; inf, in files absent: at "
+        "once. 12.65: that of UN R157's careful driver.", "m/s3", 0.5, 1000)] = 12.65  # fmt: skip
 
     def __post_init__(self) -> None:
         check_integer("lanes", self.n_lanes, low=2, high=MAX_LANES)
-        check_number("odd.lane_width", self.lane_width, low=2.5, high=6.0, unit="m")
-        check_number("odd.vehicle_length", self.vehicle_length, low=2.0, high=20.0, unit="m")
-        check_number("odd.vehicle_width", self.vehicle_width, low=1.0, high=2.6, unit="m")
-        check_number("odd.max_speed", self.max_speed, low=10.0, high=80.0, unit="m/s")
-        check_number("odd.lane_change_duration", self.lane_change_duration, low=0.5, high=10.0, unit="s")
-        check_number("odd.max_lateral_acceleration", self.max_lateral_acceleration, low=1.0, high=1e3, unit="m/s2")
-        check_number("odd.test_length", self.test_length, low=10.0, high=1e5, unit="m")
-        check_number("odd.time_limit", self.time_limit, low=1.0, high=3600.0, unit="s")
-        check_number("odd.traffic_length", self.traffic_length, low=50.0, high=5e3, unit="m")
+        check_fields(self, "odd.", but=("max_jerk",) if self.max_jerk == math.inf else ())
         check_number("odd.av_start", self.av_start, low=0.0, high=self.traffic_length, unit="m")
-        check_integer("odd.av_substeps", self.av_substeps, low=1, high=10)
-        check_number("odd.truck_share", self.truck_share, low=0.0, high=0.5)
         check_number("odd.motorcycle_share", self.motorcycle_share, low=0.0, high=1.0 - 2.0 * self.truck_share)
-        check_number("odd.ignored_rear", self.ignored_rear, low=0.0, high=1.0)
-        check_number("odd.slower_right", self.slower_right, low=0.0, high=10.0, unit="m/s")
-        if self.max_jerk != math.inf:
-            check_number("odd.max_jerk", self.max_jerk, low=0.5, high=1e3, unit="m/s3")
         for one in fields(self):
-            if one.type == "float":  # kernels would be compiled once more for a whole number
+            if isinstance(one.default, float):  # kernels would be compiled once more for a whole number
                 object.__setattr__(self, one.name, float(getattr(self, one.name)))
 
     def stated(self) -> dict[str, str | int | float]:
@@ -197,9 +195,7 @@ class Odd:
         >>> "truck_share" in Odd().stated(), "truck_share" in Odd(truck_share=0.1).stated()
         (False, True)
         """
-        later = {"truck_share": 0.0, "motorcycle_share": 0.0, "ignored_rear": 0.0, "same_duration": False,
-                 "slower_right": 0.0, "max_jerk": math.inf}  # fmt: skip
-        return {name: value for name, value in asdict(self).items() if name not in later or value != later[name]}
+        return {name: value for name, value in asdict(self).items() if name not in LATER or value != LATER[name]}
 
     @staticmethod
     def of_stated(stated: Mapping[str, Any]) -> Odd:

@@ -13,7 +13,7 @@ from library_relations import ANALYSIS, RELATIONS, analysed_rows, broken, rows_o
 from cornerforge.analysis.stored import read_analysed
 from cornerforge.library import CaseLibrary
 from cornerforge.results import Analysed
-from cornerforge.results.reading import open_json
+from cornerforge.results.stating import from_file
 
 
 def check(library: CaseLibrary) -> None:
@@ -42,7 +42,7 @@ def test_all_rows_of_an_analysis_fit_together_and_with_its_summary() -> None:
     folder = place / "lib-analysis"
     rows = list(analysed_rows(folder, CaseLibrary.open(place / "lib").odd))
     assert [broken(row, ANALYSIS) for row in rows] == [[]] * len(rows)
-    found = open_json(folder / "analysis.json", "").read(Analysed)
+    found = from_file(Analysed, folder / "analysis.json", "")
     assert found.cases == len(rows) == len({row.c["case_id"] for row in rows})
     assert read_analysed(folder / "points.parquet", "").num_rows == found.cases
     counts: dict[str, Mapping[Any, int]] = {

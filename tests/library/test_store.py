@@ -269,7 +269,7 @@ def test_a_manifest_of_wrong_content_is_refused(filled: Path, change: dict[str, 
 
 def test_an_identity_holds_what_it_can_hold(tmp_path: Path, identity: dict[str, Any]) -> None:
     CaseLibrary.create(tmp_path, identity, ODD)
-    for change, told in (({"av": "a\0"}, "without the character NUL"), ({"lanes": 99}, "1 to 6")):
+    for change, told in (({"av": "a\0"}, "a text without NUL"), ({"lanes": 99}, "at most 6")):
         edit_manifest(tmp_path, run=identity | change)
         with pytest.raises(FileFormatError, match=told):
             CaseLibrary.open(tmp_path)

@@ -7,29 +7,30 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from numpy.typing import NDArray
 
 from cornerforge._checksums import read_tensors, write_tensors
 from cornerforge._files import remove_parts
-from cornerforge._objects import object_fault
+from cornerforge._schema import Closed, Whole, meant, read
 from cornerforge.errors import FileFormatError, InputError, OutputError
-from cornerforge.fields import Field
 
-__all__ = ["CHECKPOINT_FIELDS", "CHECKPOINT_KEY", "CHECKPOINT_SCHEMA", "CheckpointFile", "TrainingState"]
+__all__ = ["CHECKPOINT_KEY", "CHECKPOINT_SCHEMA", "CheckpointFile", "CheckpointHeader", "TrainingState"]
 
 CHECKPOINT_SCHEMA = 5
 CHECKPOINT_KEY = "cornerforge_checkpoint"
 """Name of the header in a checkpoint's metadata."""
-CHECKPOINT_FIELDS: tuple[Field, ...] = (
-    Field("schema_version", "int64", "", "Version of the file."),
-    Field("identity", "object", "", "What decides the result; a training goes on from its own states only."),
-    Field("values", "object", "", "The state beside the arrays: counters, random numbers, the curve so far."),
-)
-"""What the header of a checkpoint holds; its arrays are the networks, the optimiser and the replay memory."""
 _WRITING_SHARE = 20
 """Least time between two writes as a multiple of the duration of one: a slow disk costs at most 5 %."""
+
+
+class CheckpointHeader(Closed, frozen=True):
+    """Header of a checkpoint; its arrays are the networks, the optimiser and the replay memory."""
+
+    schema_version: Annotated[Whole, meant("Version of the file.")]
+    identity: Annotated[dict[str, Any], meant("What decides the result; a training goes on from its own states only.")]
+    values: Annotated[dict[str, Any], meant("The state beside the arrays: counters, random numbers, the curve so far.")]
 
 
 @dataclass(frozen=True)
@@ -96,15 +97,12 @@ class CheckpointFile:
         if not self.path.exists():
             return None
         header, arrays = read_tensors(self.path, CHECKPOINT_KEY, "checkpoint", "remove it to begin again")
-        fault = object_fault(header, CHECKPOINT_FIELDS[:2])
-        if fault is None:
-            # The identity first: a user that named the wrong file should be told so, and nothing of schemas.
-            self._check_identity(header["identity"])
-            self._check_schema(header["schema_version"])
-            fault = object_fault(header, CHECKPOINT_FIELDS, closed=True)
-        if fault is not None:
-            raise FileFormatError(f"Checkpoint {self.path} is damaged: {fault}; remove it to begin again.")
-        return TrainingState(arrays, header["values"])
+        if isinstance(identity := header.get("identity"), dict):
+            # First: a user that named the wrong file should be told so, and nothing of schemas.
+            self._check_identity(identity)
+            self._check_schema(header.get("schema_version"))
+        told = read(CheckpointHeader, header, f"Checkpoint {self.path} is damaged", "remove it to begin again.")
+        return TrainingState(arrays, told.values)
 
     def remove(self) -> None:
         """Remove the file, if there is one, and what a kill while writing may have left of the next.

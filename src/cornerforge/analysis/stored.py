@@ -19,7 +19,7 @@ from cornerforge.analysis.prevented import PREVENTED_COLUMNS
 from cornerforge.errors import FileFormatError
 from cornerforge.fields import SHORTFALL, Field
 from cornerforge.results.analysis import Analysed
-from cornerforge.results.reading import open_json
+from cornerforge.results.stating import from_file
 
 __all__ = ["CASES_FILE", "CASE_COLUMNS", "POINTS_FILE", "POINT_COLUMNS", "WITNESSES_FILE", "read_analysed"]
 
@@ -69,7 +69,7 @@ def read_analysed(file: Path, command: str, columns: Sequence[str] | None = None
     table = read_parquet(file, command, columns, fewer=fewer)
     fault = table_fault(table, _COLUMNS[file.name])
     if fault is None and file.name != WITNESSES_FILE and said.exists():
-        cases = open_json(said, command).read(Analysed).cases
+        cases = from_file(Analysed, said, command).cases
         if table.num_rows != cases:
             fault = f"it holds {table.num_rows} cases, the analysis.json beside it says {cases}"
     if fault is not None:

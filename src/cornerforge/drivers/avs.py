@@ -7,6 +7,7 @@ from dataclasses import astuple, dataclass, field, fields
 from typing import Any, NamedTuple
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_in
@@ -280,7 +281,7 @@ def _numbers_of(parameters: Any) -> tuple[object, ...]:
     """List the numbers that decide how an AV drives, in one law's parameters."""
     if isinstance(parameters, AvNetwork):
         weights = hashlib.sha256(parameters.weights.astype("<f4").tobytes()).hexdigest()
-        return (*astuple(parameters.shape), parameters.features_version, weights)
+        return (*structs.astuple(parameters.shape), parameters.features_version, weights)
     return () if parameters is None else astuple(parameters)
 
 

@@ -6,36 +6,31 @@ width. PyTorch learns the weights; this module acts by them, with the same bits 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_integer
 from cornerforge._jit import kernel
+from cornerforge._schema import Closed, check_fields, meant
 from cornerforge.types import N_ACTIONS
 
 __all__ = ["NO_POLICY", "NetworkShape", "PolicyNumbers", "allocate_scratch", "best_action", "n_weights", "q_values"]
 
 
-@dataclass(frozen=True)
-class NetworkShape:
+class NetworkShape(Closed, frozen=True):
     """Dueling network: `n_shared` layers, then a value and an advantage stream of `n_stream` layers, all `width` wide.
 
     Every layer but the two outputs (1 value, 33 advantages) is followed by a ReLU.
     """
 
-    n_inputs: int
-    n_shared: int
-    n_stream: int
-    width: int
+    n_inputs: Annotated[int, meant("Numbers that it sees.", "", 1, 4096)]
+    n_shared: Annotated[int, meant("Layers before the streams part.", "", 1, 16)]
+    n_stream: Annotated[int, meant("Layers of each stream before its output.", "", 0, 16)]
+    width: Annotated[int, meant("Numbers that a layer gives.", "", 1, 1024)]
 
     def __post_init__(self) -> None:
-        check_integer("network.n_inputs", self.n_inputs, low=1, high=4096)
-        check_integer("network.n_shared", self.n_shared, low=1, high=16)
-        check_integer("network.n_stream", self.n_stream, low=0, high=16)
-        check_integer("network.width", self.width, low=1, high=1024)
+        check_fields(self, "network.")
 
 
 class PolicyNumbers(NamedTuple):

@@ -3,32 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from msgspec import structs
 
 from cornerforge._checksums import read_tensors, weights_of, write_tensors
-from cornerforge._objects import object_fault
+from cornerforge._schema import Closed, Whole, meant, read
 from cornerforge.drivers.avs import AVS, AvModel, AvNetwork, av_named
 from cornerforge.drivers.policy import NetworkShape, n_weights
 from cornerforge.drivers.sight import Sight
-from cornerforge.errors import FileFormatError, InputError
-from cornerforge.fields import Field
+from cornerforge.errors import FileFormatError
 from cornerforge.sim import AV_FEATURES_VERSION, LEARNED_WIDTH, N_AV_FEATURES
 
-__all__ = ["AV_FIELDS", "AV_FILE_SCHEMA", "av_of", "load_av", "rl_av_path", "save_av"]
+__all__ = ["AV_FILE_SCHEMA", "AvHeader", "av_of", "load_av", "rl_av_path", "save_av"]
 
 AV_FILE_SCHEMA = 1
 _KEY = "cornerforge_av"
-AV_FIELDS: tuple[Field, ...] = (
-    Field("schema_version", "int64", "", "Version of the file."),
-    Field("features_version", "int64", "", "Version of the features on which it learned."),
-    Field("network", "object", "", "Its shape: n_inputs, n_shared, n_stream and width."),
-    Field("about", "object", "", "How it was trained: free text and numbers; `about` in it is shown by `avs`."),
-)
-"""What the header of a learned AV holds; the weights are the array `weights`, float32."""
 _SIGHTS = {1: Sight("decision"), AV_FEATURES_VERSION: Sight()}
 """What an AV sees of lane changes, by the version of the features on which it learned."""
+
+
+class AvHeader(Closed, frozen=True):
+    """Header of a learned AV; the weights are the array `weights`, float32."""
+
+    schema_version: Annotated[Whole, meant("Version of the file.")]
+    features_version: Annotated[Whole, meant("Version of the features on which it learned.")]
+    network: Annotated[NetworkShape, meant("Its shape: n_inputs, n_shared, n_stream and width.")]
+    about: Annotated[
+        dict[str, Any], meant("How it was trained: free text and numbers; `about` in it is shown by `avs`.")
+    ]
 
 
 def rl_av_path() -> Path:
@@ -63,7 +68,7 @@ def save_av(network: AvNetwork, about: Mapping[str, Any], path: Path) -> None:
     header = {
         "schema_version": AV_FILE_SCHEMA,
         "features_version": network.features_version,
-        "network": asdict(network.shape),
+        "network": structs.asdict(network.shape),
         "about": dict(about),
     }
     write_tensors(path, _KEY, header, {"weights": network.weights}, "the AV")
@@ -78,32 +83,26 @@ def load_av(path: Path) -> AvModel:
     if not path.is_file():
         raise FileFormatError(f"No AV file {path}; make one with: cornerforge train-av --out {path}")
     header, tensors = read_tensors(path, _KEY, "learned AV")
-    fault = object_fault(header, AV_FIELDS, closed=True)
-    if fault is not None:
-        raise FileFormatError(f"AV file {path} is damaged: {fault}.")
-    _check_versions(header, path)
-    try:
-        shape = NetworkShape(**header["network"])
-    except (TypeError, InputError) as error:
-        raise FileFormatError(f"AV file {path} is damaged ({type(error).__name__}: {error}).") from error
+    told = read(AvHeader, header, f"AV file {path} is damaged")
+    _check_versions(told, path)
+    shape = told.network
     if shape.n_inputs != N_AV_FEATURES or shape.width > LEARNED_WIDTH:
         raise FileFormatError(f"AV file {path} is damaged: its network does not fit what an AV sees.")
     weights = weights_of(path, tensors, n_weights(shape), "learned AV")
-    about = header["about"].get("about", "a learned AV")
-    version = header["features_version"]
+    about, version = told.about.get("about", "a learned AV"), told.features_version
     network = AvNetwork(shape, weights, version)
     return replace(AVS["rl"], name=str(path), about=str(about), network=network, sight=_SIGHTS[version])
 
 
-def _check_versions(header: Mapping[str, Any], path: Path) -> None:
+def _check_versions(told: AvHeader, path: Path) -> None:
     """Refuse files of other versions by name.
 
     Raises:
         FileFormatError: The file is of another schema or for another observation.
     """
     for key, ours in (("schema_version", (AV_FILE_SCHEMA,)), ("features_version", tuple(_SIGHTS))):
-        if header[key] not in ours:
+        if (version := getattr(told, key)) not in ours:
             raise FileFormatError(
-                f"AV file {path} has {key} {header[key]}; this cornerforge reads {' and '.join(map(str, ours))}. "
+                f"AV file {path} has {key} {version}; this cornerforge reads {' and '.join(map(str, ours))}. "
                 f"Train it again: cornerforge train-av --out {path}"
             )

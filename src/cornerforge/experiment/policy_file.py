@@ -4,25 +4,26 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_is_json, check_number
 from cornerforge._checksums import read_tensors, weights_of, write_tensors
-from cornerforge._objects import object_fault
+from cornerforge._schema import Closed, Whole, meant, read
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
 from cornerforge.errors import FileFormatError, InputError
-from cornerforge.fields import Field
 from cornerforge.sim import N_OBSERVATION, OBSERVATION_VERSION
 
 __all__ = [
     "MAX_BUDGET",
-    "POLICY_FIELDS",
     "POLICY_SCHEMA",
     "Policy",
+    "PolicyHeader",
     "check_budget",
     "load_policy",
     "policy_hash",
@@ -34,22 +35,25 @@ POLICY_SCHEMA = 1
 MAX_BUDGET = 1e6
 """Largest likelihood budget [nats], far above any shortfall of a test; a larger one is a mistake for "no limit"."""
 _KEY = "cornerforge"
-POLICY_FIELDS: tuple[Field, ...] = (
-    Field("schema_version", "int64", "", "Version of the file.", (POLICY_SCHEMA, POLICY_SCHEMA)),
-    Field("observation_version", "int64", "", "Version of the observation that it was trained for.", (1, 10**6)),
-    Field("network", "object", "", "Its shape: n_inputs, n_shared, n_stream and width."),
-    Field("bounded", "bool", "", "It takes only actions that the naturalistic model can take."),
-    Field(
-        "budget",
-        "float64",
-        "nats",
-        "Likelihood budget; null: no limit, and where it is not bounded.",
-        (0.0, MAX_BUDGET),
-        nullable=True,
-    ),
-    Field("about", "object", "", "How it was trained: free text and numbers that nothing depends on."),
-)
-"""What the header of a policy holds; the weights are the array `weights`, float32."""
+
+
+class PolicyHeader(Closed, frozen=True):
+    """Header of a policy; the weights are the array `weights`, float32."""
+
+    schema_version: Annotated[Whole, meant("Version of the file.")]
+    observation_version: Annotated[Whole, meant("Version of the observation that it was trained for.")]
+    network: Annotated[NetworkShape, meant("Its shape: n_inputs, n_shared, n_stream and width.")]
+    bounded: Annotated[bool, meant("It takes only actions that the naturalistic model can take.")]
+    budget: (
+        Annotated[
+            float, meant("Likelihood budget; null: no limit, and where it is not bounded.", "nats", 0.0, MAX_BUDGET)
+        ]
+        | None
+    )
+    about: Annotated[dict[str, Any], meant("How it was trained: free text and numbers that nothing depends on.")]
+
+    def __post_init__(self) -> None:
+        check_budget(self.budget, bounded=self.bounded)
 
 
 @dataclass(frozen=True)
@@ -109,7 +113,7 @@ def save_policy(policy: Policy, path: Path) -> None:
     header = {
         "schema_version": POLICY_SCHEMA,
         "observation_version": OBSERVATION_VERSION,
-        "network": asdict(policy.shape),
+        "network": structs.asdict(policy.shape),
         "bounded": policy.bounded,
         "budget": policy.budget,
         "about": check_is_json("about", policy.about),
@@ -127,16 +131,9 @@ def load_policy(path: Path) -> Policy:
         raise FileFormatError(f"No policy file {path}; make one with: cornerforge train --out {path}")
     header, tensors = read_tensors(path, _KEY, "policy")
     _check_versions(header, path)
-    fault = object_fault(header, POLICY_FIELDS, closed=True)
-    if fault is not None:
-        raise FileFormatError(f"Policy file {path} is damaged: {fault}.")
-    try:
-        shape = NetworkShape(**header["network"])
-        budget = check_budget(header["budget"], bounded=header["bounded"])
-    except (KeyError, TypeError, InputError) as error:
-        raise FileFormatError(f"Policy file {path} is damaged ({type(error).__name__}: {error}).") from error
-    weights = weights_of(path, tensors, n_weights(shape), "policy")
-    return Policy(weights, shape, header["bounded"], header["about"], budget)
+    told = read(PolicyHeader, header, f"Policy file {path} is damaged")
+    weights = weights_of(path, tensors, n_weights(told.network), "policy")
+    return Policy(weights, told.network, told.bounded, told.about, told.budget)
 
 
 def _check_versions(header: Mapping[str, object], path: Path) -> None:

@@ -1,41 +1,46 @@
 """The case file: one JSON that holds a driving case whole, to be mailed, kept beside an AV's tests, and driven.
 
-`case_file.schema.json` beside this module says what a file holds; the same schema checks what is read. Numbers come
-back as the same bits.
+`case_content.py` says what a file holds, and checks what is read. Numbers come back as the same bits.
 """
 
 from __future__ import annotations
 
-import functools
 import importlib.metadata
 import itertools
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
+import msgspec
 import numpy as np
+from msgspec import UNSET, UnsetType
 from numpy.typing import NDArray
 
 from cornerforge._arguments import check_value
 from cornerforge._files import check_regular, reason, writing
 from cornerforge._locks import claim_file, claims
-from cornerforge._strict_json import parse
+from cornerforge._schema import parse, read
 from cornerforge.drivers.rails import POSE_NUMBERS, X
-from cornerforge.errors import CornerForgeError, FileFormatError, InputError, OutputError
-from cornerforge.library._schema_check import wrong
+from cornerforge.errors import FileFormatError, InputError, OutputError
+from cornerforge.library.case_content import (
+    FORMAT,
+    VERSION,
+    CaseContent,
+    HappenedContent,
+    PosesContent,
+    StartContent,
+    VehicleContent,
+)
 from cornerforge.library.out_case import Fact, MovingCase, plain_facts, plain_text, script_of
 from cornerforge.sim import NATURAL, START_FIELDS, SUBSTEPS, Script, n_slots, scripted_start
 from cornerforge.types import CLASSES, FRAME_S, Odd
 
 __all__ = [
-    "FORMAT",
-    "VERSION",
     "CaseFile",
     "Happened",
-    "case_schema",
     "case_text",
     "is_case_file",
     "of_moving",
@@ -43,7 +48,6 @@ __all__ = [
     "write_case_file",
 ]
 
-FORMAT, VERSION = "cornerforge case", 1
 MOST_BYTES = 64_000_000
 _BODY = ("length", "width", "kind")
 _UNITS = {
@@ -153,13 +157,6 @@ def of_moving(case: MovingCase, *, set_speed: float | None = None, licence: str 
     )  # fmt: skip
 
 
-@functools.cache
-def case_schema() -> Mapping[str, Any]:
-    """Load the schema of case files (JSON Schema, draft 2020-12)."""
-    text = Path(__file__).with_name("case_file.schema.json").read_text(encoding="utf-8")
-    return cast("Mapping[str, Any]", json.loads(text))
-
-
 @claims()
 def write_case_file(case: CaseFile, path: Path | str, *, overwrite: bool = False) -> Path:
     """Write a case file, whole or not at all.
@@ -195,9 +192,10 @@ def case_text(case: CaseFile) -> str:
         InputError: The case has something that no case file can hold.
     """
     content = _content(case)
-    fault = wrong(content, case_schema()) or _fault_of(content)
-    if fault is not None:
-        raise InputError(f"Case {case.name!r} cannot be written as a case file: {fault}.")
+    try:
+        _checked(content, f"Case {case.name!r} cannot be written as a case file")
+    except FileFormatError as error:
+        raise InputError(str(error)) from None
     return _dump(content, "") + "\n"
 
 
@@ -223,14 +221,7 @@ def read_case_file(path: Path | str) -> CaseFile:
     except ValueError as error:
         raise FileFormatError(f"{path} is no case file: {error}.") from None
     _check_kind(parsed, path)
-    try:
-        fault = wrong(parsed, case_schema()) or _fault_of(parsed)
-        case = None if fault is not None else _case_of(parsed)
-    except CornerForgeError as error:
-        raise FileFormatError(f"{path}: {error}") from error
-    if case is None:
-        raise FileFormatError(f"{path}: {fault}.")
-    return case
+    return _case_of(*_checked(parsed, str(path)))
 
 
 def is_case_file(path: Path) -> bool:
@@ -382,97 +373,108 @@ def _dump(value: Any, indent: str) -> str:
 # Reading
 
 
-def _fault_of(content: Mapping[str, Any]) -> str | None:
-    """Say what does not fit together in what the schema allows; None: nothing."""
-    return next(_faults(content), None)
+def _checked(content: Any, place: str) -> tuple[CaseContent, Odd]:
+    """Give what a file holds, and its road, if all of it fits together.
+
+    Raises:
+        FileFormatError: It does not.
+    """
+    case = read(CaseContent, content, place)
+    try:
+        odd = Odd.of_stated(msgspec.to_builtins(case.road))
+    except InputError as error:
+        raise FileFormatError(f"{place}: {error}") from error
+    for fault in _faults(case, odd):
+        raise FileFormatError(f"{place}: {fault}.")
+    return case, odd
 
 
-def _faults(content: Mapping[str, Any]) -> Iterator[str]:
-    vehicles: Sequence[Mapping[str, Any]] = content["vehicles"]
-    slots = [one["slot"] for one in vehicles]
+def _faults(content: CaseContent, odd: Odd) -> Iterator[str]:
+    vehicles = content.vehicles
+    slots = [one.slot for one in vehicles]
     if slots[0] != 0 or any(b <= a for a, b in itertools.pairwise(slots)):
         yield f"the slots of the vehicles are {slots[:10]}; they must ascend from 0, the AV"
-    rails, seconds, frames = content["others"] == "rails", content["seconds"], content["frames"]
+    rails, seconds, frames = content.others == "rails", content.seconds, content.frames
     if rails and (frames is None or frames <= SUBSTEPS * seconds):
         yield f"frames is {frames}; rails of {seconds} s must have at least {SUBSTEPS * seconds + 1}"
-    if not rails and (frames is not None or content["set_speed_mps"] is not None):
+    if not rails and (frames is not None or content.set_speed_mps is not None):
         yield "frames and set_speed_mps are for others on rails; where they act, both must be null"
-    if seconds > math.ceil(content["road"]["time_limit"]):
-        yield f"seconds is {seconds}; it must not be above the road's time_limit, {content['road']['time_limit']:g}"
-    odd = _odd_of(content["road"])
+    if seconds > math.ceil(odd.time_limit):
+        yield f"seconds is {seconds}; it must not be above the road's time_limit, {odd.time_limit:g}"
     if len(vehicles) > (room := n_slots(odd)):
         yield (
             f"vehicles has {len(vehicles):,} entries; a road of {odd.n_lanes} lanes with a traffic_length of "
             f"{odd.traffic_length:g} m has room for {room:,}"
         )
     for index, one in enumerate(vehicles):
-        yield from _vehicle_faults(one, f"vehicles[{index}]", content)
+        yield from _vehicle_faults(one, f"vehicles[{index}]", content, odd.n_lanes)
     yield from _happened_faults(content, slots)
 
 
-def _happened_faults(content: Mapping[str, Any], slots: Sequence[int]) -> Iterator[str]:
-    happened, frames = content["happened"], content["frames"]
+def _happened_faults(content: CaseContent, slots: Sequence[int]) -> Iterator[str]:
+    happened, frames = content.happened, content.frames
     if happened is not None:
-        is_contact = happened["contact"]
-        rest = [name for name in ("time_s", "partner", "av", "other") if (name in happened) != is_contact]
+        is_contact = happened.contact
+        rest = [
+            name for name in ("time_s", "partner", "av", "other") if (getattr(happened, name) is UNSET) == is_contact
+        ]
         if rest:
             yield f"happened.contact is {is_contact}, so happened must {'' if is_contact else 'not '}have {rest[0]}"
-        elif is_contact and happened["partner"] not in slots[1:]:
-            yield f"happened.partner is {happened['partner']}; no other vehicle has this slot"
-        longest = FRAME_S * (SUBSTEPS * content["seconds"] if frames is None else frames - 1)
-        if is_contact and not rest and happened["time_s"] > longest + _SAME:
-            yield f"happened.time_s is {happened['time_s']:g}; it must be at most {longest:g}, the length of the case"
+        elif is_contact and happened.partner not in slots[1:]:
+            yield f"happened.partner is {happened.partner}; no other vehicle has this slot"
+        longest = FRAME_S * (SUBSTEPS * content.seconds if frames is None else frames - 1)
+        if happened.time_s is not UNSET and happened.time_s > longest + _SAME:
+            yield f"happened.time_s is {happened.time_s:g}; it must be at most {longest:g}, the length of the case"
 
 
-def _vehicle_faults(one: Mapping[str, Any], place: str, content: Mapping[str, Any]) -> Iterator[str]:
-    rails, lanes, is_av = content["others"] == "rails", content["road"]["n_lanes"], one["slot"] == 0
-    start = one["start"]
-    if start.get("target_lane", 0) >= lanes or start["lanes"] >= 1 << lanes:
+def _vehicle_faults(one: VehicleContent, place: str, content: CaseContent, lanes: int) -> Iterator[str]:
+    rails, is_av = content.others == "rails", one.slot == 0
+    start, actions, poses = one.start, one.actions, one.poses
+    if start.target_lane >= lanes or start.lanes >= 1 << lanes:
         yield f"{place}.start names a lane that the road does not have: it has {lanes}"
-    if is_av and start["speed_mps"] < 0.0:
-        yield f"{place}.start.speed_mps is {start['speed_mps']:g}; that of the AV must be 0 or more"
-    change = start.get("change_time_s", 0)
-    if (is_av or not rails) and change < _LEAST_CHANGE_S:
-        yield f"{place}.start.change_time_s is {change:g}; a lane change takes {_LEAST_CHANGE_S:g} s or more"
-    if (not rails and not is_av) != ("actions" in one):
+    if is_av and start.speed_mps < 0.0:
+        yield f"{place}.start.speed_mps is {start.speed_mps:g}; that of the AV must be 0 or more"
+    if (is_av or not rails) and start.change_time_s < _LEAST_CHANGE_S:
+        yield f"{place}.start.change_time_s is {start.change_time_s:g}; a change takes {_LEAST_CHANGE_S:g} s or more"
+    if (not rails and not is_av) != (actions is not UNSET):
         yield f"{place}: actions stand where others act and nowhere else, and not with the AV"
-    if rails and not is_av and "poses" not in one:
+    if rails and not is_av and poses is UNSET:
         yield f"{place} lacks poses: it is on rails"
-    if not rails and not is_av and "poses" in one:
+    if not rails and not is_av and poses is not UNSET:
         yield f"{place} has poses, but it is not on rails"
-    actions, poses = one.get("actions", 0), one.get("poses")
-    if isinstance(actions, list) and len(actions) != content["seconds"]:
-        yield f"{place}.actions has {len(actions)} entries; it must have {content['seconds']}, one a second"
-    if poses is not None:
-        yield from _pose_faults(poses, f"{place}.poses", content["frames"], lanes)
-        if is_av and poses["first_frame"] != 0:
-            yield f"{place}.poses.first_frame is {poses['first_frame']}; that of the AV must be 0"
+    if isinstance(actions, list) and len(actions) != content.seconds:
+        yield f"{place}.actions has {len(actions)} entries; it must have {content.seconds}, one a second"
+    if poses is not UNSET:
+        yield from _pose_faults(poses, f"{place}.poses", content.frames, lanes)
+        if is_av and poses.first_frame != 0:
+            yield f"{place}.poses.first_frame is {poses.first_frame}; that of the AV must be 0"
         if rails:
             yield from _start_faults(start, poses, place)
 
 
-def _start_faults(start: Mapping[str, Any], poses: Mapping[str, Any], place: str) -> Iterator[str]:
+def _start_faults(start: StartContent, poses: PosesContent, place: str) -> Iterator[str]:
     """Compare where a vehicle on rails starts with the first frame in which it is there."""
     for name in _AT_START:
-        values = poses[name] if isinstance(poses[name], list) else [poses[name]]
-        there = next((value for value in values if value is not None), start[name])
-        if abs(there - start[name]) > _SAME:
-            yield f"{place}.start.{name} is {start[name]:g}; it must be {there:g}, as in the first frame of its poses"
+        said, at_start = getattr(poses, name), getattr(start, name)
+        there = next((value for value in (said if isinstance(said, list) else [said]) if value is not None), at_start)
+        if abs(there - at_start) > _SAME:
+            yield f"{place}.start.{name} is {at_start:g}; it must be {there:g}, as in the first frame of its poses"
 
 
-def _pose_faults(poses: Mapping[str, Any], place: str, frames: int | None, lanes: int) -> Iterator[str]:
-    first, count = poses["first_frame"], poses["frames"]
+def _pose_faults(poses: PosesContent, place: str, frames: int | None, lanes: int) -> Iterator[str]:
+    first, count = poses.first_frame, poses.frames
     if frames is not None and first + count > frames:
         yield f"{place} ends after frame {frames - 1}, the last one"
     there: list[bool] | None = None
     for name in _SERIES:
-        values = poses[name] if isinstance(poses[name], list) else [poses[name]] * count
+        said = getattr(poses, name)
+        values = said if isinstance(said, list) else [said] * count
         if len(values) != count:
             yield f"{place}.{name} has {len(values)} entries; it must have {count}, one a frame"
         now = [value is not None for value in values]
         if not any(now):
             yield f"{place}.{name} is null in all frames; the vehicle must be somewhere in one of them"
-        if isinstance(poses[name], list):
+        if isinstance(said, list):
             if there is not None and now != there:
                 yield f"{place}.{name} is null in other frames than the series before it"
             there = now
@@ -480,69 +482,59 @@ def _pose_faults(poses: Mapping[str, Any], place: str, frames: int | None, lanes
             yield f"{place}.lane must be a whole number from 0 to {lanes - 1}"
 
 
-def _case_of(content: Mapping[str, Any]) -> CaseFile:
-    rails = content["others"] == "rails"
-    vehicles = content["vehicles"]
+def _case_of(content: CaseContent, odd: Odd) -> CaseFile:
+    vehicles, happened = content.vehicles, content.happened
     start = scripted_start(np.array([_start_of(one) for one in vehicles], dtype=np.float64))
-    action = np.full((content["seconds"], len(vehicles)), NATURAL, dtype=np.int8)
+    action = np.full((content.seconds, len(vehicles)), NATURAL, dtype=np.int8)
     poses = None
     recorded = None
-    if rails:
-        start[0]["desired_speed"] = content["set_speed_mps"] or 0.0
-        poses = np.stack([_poses_of(one.get("poses"), content["frames"]) for one in vehicles], axis=1)
+    if content.frames is not None:
+        start[0]["desired_speed"] = content.set_speed_mps or 0.0
+        poses = np.stack([_poses_of(one.poses, content.frames) for one in vehicles], axis=1)
     else:
         for column, one in enumerate(vehicles[1:], start=1):
-            action[:, column] = one["actions"]
-        of_av = vehicles[0].get("poses")
-        if of_av is not None:
-            recorded = _poses_of(of_av, of_av["first_frame"] + of_av["frames"]).astype(np.float32).astype(np.float64)
-    slot = np.array([one["slot"] for one in vehicles], dtype=np.int16)
-    happened = content["happened"]
+            action[:, column] = np.asarray(one.actions)
+        of_av = vehicles[0].poses
+        if of_av is not UNSET:
+            recorded = _poses_of(of_av, of_av.first_frame + of_av.frames).astype(np.float32).astype(np.float64)
+    slot = np.array([one.slot for one in vehicles], dtype=np.int16)
     return CaseFile(
-        name=content["name"],
-        odd=_odd_of(content["road"]),
-        script=Script(slot, start, action, content["seed"], content["test"], poses),
-        av=content["av"]["name"],
-        av_hash=content["av"]["hash"],
+        name=content.name,
+        odd=odd,
+        script=Script(slot, start, action, content.seed, content.test, poses),
+        av=content.av.name,
+        av_hash=content.av.hash,
         happened=None if happened is None else _happened_of(happened),
         recorded=recorded,
-        model=content["model"],
-        licence=content["licence"],
-        facts=content["facts"],
-        notes=tuple(content["notes"]),
-        made_by=content["made_by"],
+        model=content.model,
+        licence=content.licence,
+        facts=content.facts,
+        notes=tuple(content.notes),
+        made_by=content.made_by,
     )
 
 
-def _odd_of(road: Mapping[str, Any]) -> Odd:
-    """Make the ODD; JSON has no difference between 4 and 4.0, which a hash of its fields would see."""
-    reals = {one.name for one in fields(Odd) if isinstance(one.default, float)}
-    return Odd.of_stated({name: float(value) if name in reals else value for name, value in road.items()})
+def _start_of(one: VehicleContent) -> list[float]:
+    kind = next(index for index, road_user in enumerate(CLASSES) if road_user.name == one.kind)
+    body = {"length": one.length_m, "width": one.width_m, "kind": kind}
+    return [float(body[name] if name in body else getattr(one.start, _START[name])) for name in START_FIELDS]
 
 
-def _start_of(one: Mapping[str, Any]) -> list[float]:
-    kind = next(index for index, road_user in enumerate(CLASSES) if road_user.name == one["class"])
-    body = {"length": one["length_m"], "width": one["width_m"], "kind": kind}
-    start = one["start"]
-    return [float(body[name]) if name in body else float(start.get(_START[name], 0.0)) for name in START_FIELDS]
-
-
-def _poses_of(one: Mapping[str, Any] | None, frames: int) -> NDArray[np.float64]:
+def _poses_of(one: PosesContent | UnsetType, frames: int) -> NDArray[np.float64]:
     """Poses of a vehicle, (frames, POSE_NUMBERS); NaN where it is absent."""
     poses = np.full((frames, POSE_NUMBERS), np.nan)
-    if one is None:
+    if one is UNSET:
         return poses
-    first, count = one["first_frame"], one["frames"]
     for index, name in enumerate(_SERIES):
-        values = one[name]
-        poses[first : first + count, index] = np.array(values, dtype=np.float64)  # null becomes NaN
+        values = np.array(getattr(one, name), dtype=np.float64)  # null becomes NaN
+        poses[one.first_frame : one.first_frame + one.frames, index] = values
     # A series that stays the same says nothing of when the vehicle is there.
     poses[np.isnan(poses).any(axis=1)] = np.nan
     return poses
 
 
-def _happened_of(happened: Mapping[str, Any]) -> Happened:
-    if not happened["contact"]:
+def _happened_of(happened: HappenedContent) -> Happened:
+    if happened.time_s is UNSET or happened.partner is UNSET:
         return Happened()
-    pose = np.array([[happened[who][name] for name in _POSE] for who in ("av", "other")], dtype=np.float64)
-    return Happened(round(happened["time_s"] / FRAME_S), happened["partner"], pose)
+    pose = np.array([[getattr(who, name) for name in _POSE] for who in (happened.av, happened.other)])
+    return Happened(round(happened.time_s / FRAME_S), happened.partner, pose)

@@ -10,28 +10,19 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Annotated, TypeAlias, get_type_hints
+
+import msgspec
 
 from cornerforge._checksums import KEY, check_json, with_checksum
 from cornerforge._files import read_bytes, reason, writing
-from cornerforge._objects import object_fault
-from cornerforge._strict_json import parse
+from cornerforge._schema import Whole, meant, parse, read
 from cornerforge._words import shown
 from cornerforge.errors import FileFormatError, InputError
-from cornerforge.library.schema import (
-    EXTRA_TYPES,
-    FILE_FIELDS,
-    IDENTITY_FIELDS,
-    MANIFEST_FIELDS,
-    ON_RAILS,
-    SCHEMA_VERSION,
-    SCRIPTED,
-    SHARD_FIELDS,
-    schema_version,
-)  # fmt: skip
+from cornerforge.library.schema import ON_RAILS, SCHEMA_VERSION, SCRIPTED, ExtraType, RunIdentity, schema_version
 from cornerforge.types import Odd
 
 __all__ = [
@@ -54,16 +45,24 @@ Identity: TypeAlias = Mapping[str, str | int | float | bool | None]
 MANIFEST = "manifest.json"
 _FORMAT = "cornerforge case library"
 _SHARD_FILE = r"(cases|tracks)-\d{6,}(-growing)?\.parquet"
+_PartOfIdentity = msgspec.defstruct(
+    "_PartOfIdentity",
+    [
+        (name, kind | msgspec.UnsetType, msgspec.UNSET)
+        for name, kind in get_type_hints(RunIdentity, include_extras=True).items()
+    ],
+)
+"""What `run` may hold of a `RunIdentity`: libraries of other programs lack some of it."""
 _OURS = re.compile(rf"{_SHARD_FILE}|\.({_SHARD_FILE}|manifest\.json)(\.[0-9a-f]{{8}})?\.part")
 
 
 @dataclass(frozen=True)
 class StoredFile:
-    """A file of a shard: its name in the library's folder, its size in bytes and its SHA-256 (hex)."""
+    """A file of a shard."""
 
-    name: str
-    size: int
-    sha256: str
+    name: Annotated[str, meant("In the library's folder.")]
+    size: Annotated[Whole, meant("Of the file.", "bytes")]
+    sha256: Annotated[str, meant("Of the file, 64 hex digits.")]
 
     @classmethod
     def of(cls, name: str, content: memoryview) -> StoredFile:
@@ -79,40 +78,28 @@ class StoredFile:
 
 @dataclass(frozen=True)
 class Shard:
-    """Cases that were committed together: how many, their first and last test, and their two files."""
+    """Cases that were committed together."""
 
-    cases: int
-    first_test: int
-    last_test: int
-    cases_file: StoredFile
-    tracks_file: StoredFile
+    cases: Annotated[int, meant("How many cases it holds.", "", 1, 2**31 - 1)]
+    first_test: Annotated[Whole, meant("Its first test.")]
+    last_test: Annotated[Whole, meant("Its last test.")]
+    cases_file: Annotated[StoredFile, meant("The file of its cases.")]
+    tracks_file: Annotated[StoredFile, meant("The file of its trajectories.")]
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """All that a library stores besides its cases.
+    """All that a library stores besides its cases; two libraries with equal `run` and `odd` hold the same cases."""
 
-    Attributes:
-        created_by: Version of cornerforge that created it.
-        run: What names the run; two libraries with equal `run` and `odd` hold the same cases.
-        odd: Road and rules of all cases.
-        extra: Caller's own columns, name to a key of `EXTRA_TYPES`; None before the first case.
-        shards: Ascending by test.
-        next_test: All tests below it are done.
-        tests: Tests done.
-        crashes: AV crashes among them; may exceed the cases stored.
-        finished: The run reached its target.
-    """
-
-    created_by: str
-    run: Identity
-    odd: Odd
-    extra: Mapping[str, str] | None = None
-    shards: tuple[Shard, ...] = ()
-    next_test: int = 0
-    tests: int = 0
-    crashes: int = 0
-    finished: bool = False
+    created_by: Annotated[str, meant("Version of cornerforge that created it.")]
+    run: Annotated[Identity, meant("What names the run: flat, with a whole `seed`.")]
+    odd: Annotated[Odd, meant("Road and rules of all cases; what does not occur may be left out.")]
+    extra: Annotated[Mapping[str, ExtraType] | None, meant("Own columns, type by name; null: no case yet.")]
+    shards: Annotated[tuple[Shard, ...], meant("The shards, ascending by test.")]
+    next_test: Annotated[Whole, meant("All tests below it are done.")]
+    tests: Annotated[Whole, meant("Tests done.")]
+    crashes: Annotated[Whole, meant("AV crashes among them; may exceed the cases stored.")]
+    finished: Annotated[bool, meant("The run reached its target.")]
 
     @property
     def scripted(self) -> bool:
@@ -194,45 +181,18 @@ def read_manifest(folder: Path, *, old: bool = False) -> tuple[Manifest, bytes]:
             f"this version reads schemas 1 to {SCHEMA_VERSION}: {advice}."
         )
     rest = check_json(path, parsed)
-    fault = object_fault(parsed, MANIFEST_FIELDS) or _shards_fault(parsed["shards"])
-    fault = fault or object_fault(parsed["run"], [one for one in IDENTITY_FIELDS if one.name in parsed["run"]], "run")
-    if fault is not None:
-        raise FileFormatError(f"{path} is damaged: {fault}; restore it from a copy.")
+    place, advice = f"{path} is damaged", "restore it from a copy."
     try:
-        return _parse(rest), content
-    except (KeyError, TypeError, ValueError, InputError) as error:
-        raise FileFormatError(f"{path} is damaged: {error}; restore it from a copy.") from error
-
-
-def _shards_fault(shards: Sequence[Mapping[str, Any]]) -> str | None:
-    """Say what is wrong with one of the shards of a manifest, or None."""
-    for i, shard in enumerate(shards):
-        place = f"shards[{i}]"
-        fault = object_fault(shard, SHARD_FIELDS, place)
-        for key in ("cases_file", "tracks_file") if fault is None else ():
-            fault = fault or object_fault(shard[key], FILE_FIELDS, f"{place}.{key}")
-        if fault is not None:
-            return fault
-    return None
-
-
-def _parse(content: dict[str, Any]) -> Manifest:
-    values = {name: content[name] for name in (field.name for field in fields(Manifest))}
-    shards = tuple(_parse_shard(i, shard) for i, shard in enumerate(values.pop("shards")))
-    check_identity(values["run"])
-    extra = values["extra"] or {}
-    if not set(map(str, extra.values())) <= set(EXTRA_TYPES):
-        raise ValueError(f'"extra" is {extra}; its types must be {", ".join(EXTRA_TYPES)}')
-    return Manifest(**values | {"odd": Odd.of_stated(values["odd"]), "shards": shards})
-
-
-def _parse_shard(index: int, content: dict[str, Any]) -> Shard:
-    both = [content[key] for key in ("cases_file", "tracks_file")]
-    files = [StoredFile(file["name"], file["size"], file["sha256"]) for file in both]
-    # A manifest is input: it must not lead to files outside its folder.
-    if tuple(file.name for file in files) not in (shard_names(index), shard_names(index, growing=True)):
-        raise ValueError(f"shard {index} names the files {[file.name for file in files]}")
-    return Shard(content["cases"], content["first_test"], content["last_test"], *files)
+        found = read(Manifest, {**rest, "odd": Odd.of_stated(rest["odd"])}, place, advice)
+        check_identity(found.run)
+    except (KeyError, TypeError, InputError) as error:
+        raise FileFormatError(f"{place}: {str(error).rstrip('.')}; {advice}") from error
+    read(_PartOfIdentity, found.run, place, advice)
+    for index, shard in enumerate(found.shards):  # input, which must not lead to files outside its folder
+        names = shard.cases_file.name, shard.tracks_file.name
+        if names not in (shard_names(index), shard_names(index, growing=True)):
+            raise FileFormatError(f"{place}: shard {index} names the files {list(names)}; {advice}")
+    return found, content
 
 
 def first_difference(theirs: Manifest, run: Identity, odd: Odd) -> str | None:

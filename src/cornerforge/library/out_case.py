@@ -30,7 +30,7 @@ NAME_PATTERN = "^[A-Za-z0-9][A-Za-z0-9_-]{0,99}$"
 """What a case can be called; the schema of case files says the same."""
 _LONGEST_NAME = 80
 """Longer names of others are cut: there is room for a number behind them."""
-_MOST_FACTS, _LONGEST_FACT, _LONGEST_FACT_NAME, _LARGEST_FACT = 1_000, 10_000, 200, 1e300
+_MOST_FACTS, _LONGEST_FACT, _LONGEST_FACT_NAME, _LARGEST_FACT, _LARGEST_WHOLE = 1_000, 10_000, 200, 1e300, 2**63 - 1
 """What a case file can hold of facts."""
 _SURE_DIGITS = 15
 """Digits of whole numbers that every reader of JSON keeps; more are rather a hash."""
@@ -136,8 +136,10 @@ def plain_facts(facts: Mapping[str, Fact]) -> dict[str, Fact]:
     found: dict[str, Fact] = {}
     for name, fact in list(facts.items())[:_MOST_FACTS]:
         value = fact
-        if isinstance(fact, (int, float)) and not isinstance(fact, bool) and not abs(fact) <= _LARGEST_FACT:
-            value = f"{fact:g}" if isinstance(fact, float) else f"about 2^{fact.bit_length()}"
+        if isinstance(fact, float):
+            value = float(fact) if abs(fact) <= _LARGEST_FACT else f"{fact:g}"
+        elif isinstance(fact, int) and abs(fact) > _LARGEST_WHOLE:
+            value = f"about 2^{fact.bit_length()}"
         if isinstance(value, str):
             value = plain_text(value, _LONGEST_FACT)
         found[plain_text(name, _LONGEST_FACT_NAME)] = value

@@ -9,10 +9,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated
 
+import msgspec
 import pyarrow as pa
 
 from cornerforge._arrow import arrow_fields, arrow_type
+from cornerforge._schema import Hex, Whole, meant
 from cornerforge.errors import InputError
 from cornerforge.fields import CASES, SIZES, TRACKS, Field
 from cornerforge.sim import START_FIELDS
@@ -20,15 +24,13 @@ from cornerforge.sim import START_FIELDS
 __all__ = [
     "AV_SIZES",
     "EXTRA_TYPES",
-    "FILE_FIELDS",
-    "IDENTITY_FIELDS",
-    "MANIFEST_FIELDS",
     "ON_RAILS",
     "RAILS_TRACKS",
     "SCHEMA_VERSION",
     "SCRIPTED",
     "SCRIPTED_TRACKS",
-    "SHARD_FIELDS",
+    "ExtraType",
+    "RunIdentity",
     "arrow_schema",
     "check_extra_name",
     "own_fields",
@@ -73,6 +75,8 @@ RAILS_TRACKS: tuple[Field, ...] = (
 _EXTRA = {"bool": "bool", "int": "int64", "float": "float64", "str": "string"}
 EXTRA_TYPES: dict[str, pa.DataType] = {name: arrow_type(kind) for name, kind in _EXTRA.items()}
 """Types that a caller's own columns may have, by the name that the manifest uses."""
+ExtraType = Annotated[str, msgspec.Meta(pattern=f"^({'|'.join(_EXTRA)})$")]
+"""One of these names."""
 
 AV_SIZES: tuple[Field, ...] = (
     Field("av_length_m", "float64", "m", "Length of the AV of the case.", SIZES),
@@ -81,76 +85,31 @@ AV_SIZES: tuple[Field, ...] = (
 """Own columns of libraries whose AVs are not as large as the ODD's cars."""
 
 
-_COUNT = (0, 2**63 - 1)
-MANIFEST_FIELDS: tuple[Field, ...] = (
-    Field("format", "string", "", "Always `cornerforge case library`."),
-    Field("schema_version", "int64", "", "The lowest version that can read the library.", (1, SCHEMA_VERSION)),
-    Field("created_by", "string", "", "Version of cornerforge that created it."),
-    Field(
-        "run", "object", "", "What names the run: texts, numbers, true, false or nothing by name, with a whole `seed`."
-    ),
-    Field(
-        "odd",
-        "object",
-        "",
-        "Road and rules: the fields of `cornerforge.Odd`; what does not occur may be left out.",
-    ),
-    Field("extra", "object", "", "Own columns of the library, type by name; null: no case yet.", nullable=True),
-    Field("shards", "list of object", "", "The shards, ascending by test."),
-    Field("next_test", "int64", "", "All tests below it are done.", _COUNT),
-    Field("tests", "int64", "", "Tests done.", _COUNT),
-    Field("crashes", "int64", "", "AV crashes among them; may exceed the cases stored.", _COUNT),
-    Field("finished", "bool", "", "The run reached its target."),
-    Field("sha256", "string", "", "Of the other keys."),
-)
-"""What a manifest holds."""
+@dataclass(frozen=True, kw_only=True)
+class RunIdentity:
+    """What `run` of a library's manifest, and `identity` of a provenance, hold of an experiment; commands add keys."""
 
-IDENTITY_FIELDS: tuple[Field, ...] = (
-    Field("seed", "int64", "", "Seed of the tests.", (0, 2**63 - 1)),
-    Field("odd", "string", "", "Name of the ODD."),
-    Field("lanes", "int64", "", "Lanes of the road.", (1, 6)),
-    Field("av", "string", "", "The AV, as it was named."),
-    Field("av_hash", "hex", "", "Hash of its parameters, weights or code; null: several AVs.", nullable=True),
-    Field("model_hash", "hex", "", "Hash of what decides how the naturalistic model drives."),
-    Field("bv", "string", "", "What drives the BVs."),
-    Field("bounded", "bool", "", "The adversary takes only actions that the naturalistic model can take."),
-    Field("budget", "float64", "nats", "Likelihood budget; null: no limit.", (0.0, 1e6), nullable=True),
-    Field("acting", "string", "", "How policies act: greedily, or at random."),
-    Field("policies", "int64", "", "How many policies drive, in turn.", (0, 10_000)),
-    Field("policy_hash", "hex", "", "Hash of them; null: none.", nullable=True),
-    Field("av_steers", "bool", "", "The AV steers; may be missing: it does not.", optional=True),
-    Field("config_hash", "hex", "", "Hash of the settings; may be missing.", optional=True),
-    Field("cornerforge", "string", "", "Version that drove; may be missing.", optional=True),
-    Field("code", "hex", "", "Hash of the code that drove; may be missing.", optional=True),
-    Field("scripted", "bool", "", "All cases are scripted; may be missing: they are tests of the seed.", optional=True),
-    Field("on_rails", "bool", "", "The other vehicles are on rails; may be missing: they drive.", optional=True),
-    Field(
-        "moving_cases",
-        "hex",
-        "",
-        "Hash of how others move in cases of recordings or other tools; may be missing.",
-        optional=True,
-    ),
-    Field("source", "hex", "", "Hash of the identity of the library that was shrunk; may be missing.", optional=True),
-    Field("source_bv", "string", "", "What drove the BVs there; may be missing.", optional=True),
-)
-"""What `run` of a library's manifest, and `identity` of a provenance, hold of an experiment; commands add keys."""
-
-SHARD_FIELDS: tuple[Field, ...] = (
-    Field("cases", "int64", "", "How many cases it holds.", (1, 2**31 - 1)),
-    Field("first_test", "int64", "", "Its first test.", _COUNT),
-    Field("last_test", "int64", "", "Its last test.", _COUNT),
-    Field("cases_file", "object", "", "The file of its cases."),
-    Field("tracks_file", "object", "", "The file of its trajectories."),
-)
-"""What a manifest holds of a shard."""
-
-FILE_FIELDS: tuple[Field, ...] = (
-    Field("name", "string", "", "In the library's folder."),
-    Field("size", "int64", "bytes", "Of the file.", _COUNT),
-    Field("sha256", "string", "", "Of the file, 64 hex digits."),
-)
-"""What a manifest holds of a file."""
+    seed: Annotated[Whole, meant("Seed of the tests.")]
+    odd: Annotated[str, meant("Name of the ODD.")]
+    lanes: Annotated[int, meant("Lanes of the road.", "", 1, 6)]
+    av: Annotated[str, meant("The AV, as it was named.")]
+    av_hash: Annotated[Hex | None, meant("Hash of its parameters, weights or code; null: several AVs.")]
+    model_hash: Annotated[Hex, meant("Hash of what decides how the naturalistic model drives.")]
+    bv: Annotated[str, meant("What drives the BVs.")]
+    bounded: Annotated[bool, meant("The adversary takes only actions that the naturalistic model can take.")]
+    budget: Annotated[float, meant("Likelihood budget; null: no limit.", "nats", 0.0, 1e6)] | None
+    acting: Annotated[str, meant("How policies act: greedily, or at random.")]
+    policies: Annotated[int, meant("How many policies drive, in turn.", "", 0, 10_000)]
+    policy_hash: Annotated[Hex | None, meant("Hash of them; null: none.")]
+    av_steers: Annotated[bool, meant("The AV steers; missing: it does not.")] = False
+    config_hash: Annotated[Hex | None, meant("Hash of the settings.")] = None
+    cornerforge: Annotated[str | None, meant("Version that drove.")] = None
+    code: Annotated[Hex | None, meant("Hash of the code that drove.")] = None
+    scripted: Annotated[bool, meant("All cases are scripted; missing: they are tests of the seed.")] = False
+    on_rails: Annotated[bool, meant("The other vehicles are on rails; missing: they drive.")] = False
+    moving_cases: Annotated[Hex | None, meant("Hash of how others move in cases of recordings or other tools.")] = None
+    source: Annotated[Hex | None, meant("Hash of the identity of the library that was shrunk.")] = None
+    source_bv: Annotated[str | None, meant("What drove the BVs there.")] = None
 
 
 def check_extra_name(name: str) -> str:

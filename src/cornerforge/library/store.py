@@ -149,7 +149,10 @@ class CaseLibrary:
 
     @classmethod
     def _start(cls, folder: Path, identity: Identity, odd: Odd) -> CaseLibrary:
-        manifest = Manifest(importlib.metadata.version("cornerforge"), check_identity(identity), odd)
+        manifest = Manifest(
+            importlib.metadata.version("cornerforge"), check_identity(identity), odd, extra=None, shards=(),
+            next_test=0, tests=0, crashes=0, finished=False,
+        )  # fmt: skip
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:

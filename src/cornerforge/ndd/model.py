@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checksums import MIGRATE, read_arrays, write_arrays
-from cornerforge._strict_json import parse
+from cornerforge._schema import parse
 from cornerforge.errors import FileFormatError
 from cornerforge.fields import Field
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID

@@ -6,13 +6,12 @@ import contextlib
 import hashlib
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Annotated, Any
 
-from cornerforge._objects import object_fault
+from cornerforge._schema import Whole, meant, read
 from cornerforge.errors import FileFormatError
 from cornerforge.execution import cpu_seconds
-from cornerforge.fields import Field
 from cornerforge.intervals import binomial_interval
 from cornerforge.sim import (
     DriveChunk,
@@ -29,7 +28,6 @@ from cornerforge.types import METRES_PER_MILE
 __all__ = [
     "BLOCK",
     "CHUNK",
-    "COUNTS_FIELDS",
     "Block",
     "MonteCarlo",
     "drive_block",
@@ -161,48 +159,22 @@ def drive_block(
     return only
 
 
-_COUNT = (0, 2**63 - 1)
-_SECONDS = (0.0, 1e12)
-COUNTS_FIELDS: tuple[Field, ...] = (
-    Field("tests", "int64", "", "Tests driven, from number 0 on.", _COUNT),
-    Field("av_crashes", "int64", "", "Tests in which the AV crashed; as many as `crashed` holds.", _COUNT),
-    Field("bv_crashes", "int64", "", "Contacts between two BVs.", _COUNT),
-    Field("world_steps", "int64", "", "Steps of 0.1 s that worlds were moved.", _COUNT),
-    Field("millimetres", "int64", "mm", "Distance that the AV drove.", _COUNT),
-    Field("seconds", "float64", "s", "Wall-clock time.", _SECONDS),
-    Field("cpu_seconds", "float64", "s", "Time on processors.", _SECONDS),
-    Field(
-        "crashed", "list of int64", "", "Numbers of the tests in which the AV crashed, rising, below `tests`.", _COUNT
-    ),
-    Field("digest", "string", "", "Chain of SHA-256 over all blocks of tests."),
-    Field("av_faults", "int64", "", "Tests that an AV from outside spoiled.", _COUNT),
-)
-"""What `counts.json` holds of a rate that is counted."""
-
-
 @dataclass(frozen=True)
 class MonteCarlo:
-    """Counts of a brute-force run so far, over tests 0 .. `tests` - 1 of its seed.
+    """Counts of a brute-force run so far, over tests 0 .. `tests` - 1 of its seed; `counts.json` holds them."""
 
-    Attributes:
-        tests, av_crashes, bv_crashes, world_steps: Counts; `bv_crashes` counts contacts between two BVs.
-        millimetres: Distance that the AV drove [mm].
-        seconds, cpu_seconds: Wall-clock, and time on processors, over all sessions [s].
-        crashed: Numbers of the tests in which the AV crashed, rising.
-        digest: Chain of SHA-256: each block's digest hashed onto the chain before it; the same for any resume.
-        av_faults: Number of `tests` that a foreign AV spoiled: they were driven, but do not count.
-    """
-
-    tests: int = 0
-    av_crashes: int = 0
-    bv_crashes: int = 0
-    world_steps: int = 0
-    millimetres: int = 0
-    seconds: float = 0.0
-    cpu_seconds: float = 0.0
-    crashed: tuple[int, ...] = field(default=())
-    digest: str = ""
-    av_faults: int = 0
+    tests: Annotated[Whole, meant("Tests driven, from number 0 on.")] = 0
+    av_crashes: Annotated[Whole, meant("Tests in which the AV crashed; as many as `crashed` holds.")] = 0
+    bv_crashes: Annotated[Whole, meant("Contacts between two BVs.")] = 0
+    world_steps: Annotated[Whole, meant("Steps of 0.1 s that worlds were moved.")] = 0
+    millimetres: Annotated[Whole, meant("Distance that the AV drove.", "mm")] = 0
+    seconds: Annotated[float, meant("Wall-clock time, over all sessions.", "s", 0.0, 1e12)] = 0.0
+    cpu_seconds: Annotated[float, meant("Time on processors, over all sessions.", "s", 0.0, 1e12)] = 0.0
+    crashed: Annotated[
+        tuple[Whole, ...], meant("Numbers of the tests in which the AV crashed, rising, below `tests`.")
+    ] = ()
+    digest: Annotated[str, meant("Chain of SHA-256: each block's digest hashed onto the chain before it.")] = ""
+    av_faults: Annotated[Whole, meant("Tests that an AV from outside spoiled: driven, but they do not count.")] = 0
 
     def plus(self, block: Block) -> MonteCarlo:
         """Add one more block, which must begin at test number `tests`."""
@@ -253,7 +225,7 @@ class MonteCarlo:
         Raises:
             FileFormatError: Keys are missing or unknown, or a value is out of its range.
         """
-        fault = object_fault(content, COUNTS_FIELDS, closed=True)
-        if fault is not None:
-            raise FileFormatError(f"These are not the counts of a rate estimate: {fault}.")
-        return cls(**{**content, "crashed": tuple(content["crashed"])})
+        place = "These are not the counts of a rate estimate"
+        if odd := set(content) ^ {one.name for one in fields(cls)}:
+            raise FileFormatError(f'{place}: "{min(odd)}" is {"unknown" if min(odd) in content else "missing"}.')
+        return read(cls, content, place)

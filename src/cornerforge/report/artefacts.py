@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._checksums import read_json
+from cornerforge._schema import Share, Whole
+from cornerforge.errors import FileFormatError
 from cornerforge.intervals import binomial_interval
 from cornerforge.report.judged import read_table
 from cornerforge.results import Analysed
 from cornerforge.results.learning import TrainingCurve
 from cornerforge.results.rates import INTERVAL95, PER_TEST, TESTS, Interval
-from cornerforge.results.reading import JsonFile, open_json
+from cornerforge.results.stating import from_file
 from cornerforge.results.whole import Exposure, Spending
 from cornerforge.types import METRES_PER_MILE
 
@@ -50,10 +53,10 @@ class Rate:
     """
 
     name: str = ""
-    tests: int = field(metadata=TESTS)
-    crashes_per_test: float = field(metadata=PER_TEST)
-    interval95: Interval = field(metadata=INTERVAL95)
-    av_crashes: int | None = None
+    tests: Annotated[Whole, TESTS]
+    crashes_per_test: Annotated[Share, PER_TEST]
+    interval95: Annotated[Interval, INTERVAL95]
+    av_crashes: Whole | None = None
     crashes_per_mile: float | None = None
     miles: float | None = None
 
@@ -77,7 +80,7 @@ class Rate:
 class FilledRate(Rate):
     """The rate of the tests that filled the library, and the cases in it."""
 
-    cases: int
+    cases: Whole
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,10 +88,10 @@ class OnRoads(Rate):
     """Part of the natural rate (`NaturalRate`) that the page shows."""
 
     method: str
-    plain_tests: int
+    plain_tests: Whole
     interval95_per_mile: Interval | None = None
     doubts: tuple[str, ...] = ()
-    effective_sample_size: int
+    effective_sample_size: Whole
     cpu_seconds: float
     acceleration: float
 
@@ -105,7 +108,7 @@ class Summary:
     av: str
     version: str = "unknown"
     effort: str = "unknown"
-    seed: int | str = "unknown"
+    seed: Whole | str = "unknown"
     bounded: bool = False
     seconds: float | None = None
     nde: Rate | None = None
@@ -113,6 +116,7 @@ class Summary:
     natural_cases: Analysed | None = None
     spending: Spending | None = None
     generate: FilledRate | None = None
+    analyse: Any = None
     baselines: tuple[Rate, ...] = ()
 
     @property
@@ -190,13 +194,10 @@ def read_emptiness(out: Path) -> Emptiness | None:
         FileFormatError: A file is missing or damaged; the message names it and what writes it again.
     """
     run = f"cornerforge run --out {out} --resume"
-    summary = open_json(out / "summary.json", run)
-    if summary.values.get("analyse") is not None or summary.values.get("spending") is None:
+    summary = _summary(out / "summary.json", run)
+    if summary.analyse is not None or summary.spending is None:
         return None
-    found = _named(summary.read(Summary))
-    if found.nde is None or found.generate is None:
-        raise summary.fault("nde, generate", "are missing")
-    return Emptiness(found, open_json(out / "provenance.json", run).values)
+    return Emptiness(summary, _provenance(out, run))
 
 
 def read_artefacts(out: Path) -> Artefacts:
@@ -209,23 +210,21 @@ def read_artefacts(out: Path) -> Artefacts:
         FileFormatError: A file is missing or damaged; the message names it and what writes it again.
     """
     run, analyse = f"cornerforge run --out {out}", analyse_command(out)
-    summary, exposure = open_json(out / "summary.json", run), open_json(out / "exposure.json", run)
-    provenance = open_json(out / "provenance.json", run)
-    found = Artefacts(
+    provenance = _provenance(out, run)
+    return Artefacts(
         out=out,
         library=out / "library",
         analysed_in=out / "analysis",
-        summary=_named(summary.read(Summary)),
-        training=_timed(open_json(out / "training.json", run).read(TrainingCurve), provenance),
-        exposure=exposure.read(Exposure),
-        analysis=open_json(out / "analysis" / "analysis.json", analyse).read(Analysed),
+        summary=_summary(out / "summary.json", run),
+        training=_timed(
+            from_file(TrainingCurve, out / "training.json", run), from_file(_Times, out / "provenance.json", run)
+        ),
+        exposure=from_file(Exposure, out / "exposure.json", run),
+        analysis=from_file(Analysed, out / "analysis" / "analysis.json", analyse),
         points=_points(out / "analysis" / "points.parquet", analyse),
-        provenance=provenance.values,
+        provenance=provenance,
         command=run,
     )
-    if found.summary.nde is None or found.summary.generate is None:
-        raise summary.fault("nde, generate", "are missing")
-    return found
 
 
 def library_artefacts(library: Path, out: Path) -> Artefacts:
@@ -242,8 +241,8 @@ def library_artefacts(library: Path, out: Path) -> Artefacts:
 
     command = f"cornerforge report {library} --out {out}"
     cases = CaseLibrary.open(library)
-    found = open_json(out / "analysis" / "analysis.json", command).read(Analysed)
-    run, made = cases.identity, open_json(out / "analysis" / "provenance.json", command)
+    found = from_file(Analysed, out / "analysis" / "analysis.json", command)
+    run = cases.identity
     return Artefacts(
         out=out,
         library=library,
@@ -262,7 +261,7 @@ def library_artefacts(library: Path, out: Path) -> Artefacts:
         exposure=None,
         analysis=found,
         points=_points(out / "analysis" / "points.parquet", command),
-        provenance=made.values,
+        provenance=_provenance(out / "analysis", command),
         command=command,
     )
 
@@ -272,8 +271,9 @@ def rate_beside(library: Path) -> OnRoads | None:
     file = library.parent / "rate.json"
     if not file.is_file():
         return None
-    made = open_json(file, f"cornerforge rate --out {library.parent} --resume")
-    return replace(made.read(OnRoads), name="natural traffic")
+    return replace(
+        from_file(OnRoads, file, f"cornerforge rate --out {library.parent} --resume"), name="natural traffic"
+    )
 
 
 def per_billion_miles(cases: CaseLibrary) -> float:
@@ -306,21 +306,18 @@ def analyse_command(out: Path) -> str:
     return f"cornerforge analyse {out / 'library'} --out {out / 'analysis'}"
 
 
-def _named(found: Summary) -> Summary:
+def _provenance(folder: Path, command: str) -> dict[str, Any]:
+    return read_json(folder / "provenance.json", f"write it with: {command}")
+
+
+def _summary(file: Path, command: str) -> Summary:
+    found = from_file(Summary, file, command)
+    if found.nde is None or found.generate is None:
+        raise FileFormatError(f'{file}: "nde, generate" are missing; write the file again with: {command}')
     name = "natural traffic"
     natural = found.natural if found.natural is None else replace(found.natural, name=name)
-    nde = found.nde if found.nde is None else replace(found.nde, name=name)
-    generate = found.generate if found.generate is None else replace(found.generate, name="adversary")
+    nde, generate = replace(found.nde, name=name), replace(found.generate, name="adversary")
     return replace(found, nde=nde, natural=natural, generate=generate)
-
-
-def _timed(found: TrainingCurve, provenance: JsonFile) -> TrainingCurve:
-    """Take the times of the points from the provenance; those of files of older versions are in the points."""
-    seconds = provenance.read(_Times).point_seconds
-    if seconds is None or len(seconds) != len(found.points):
-        return found
-    points = (replace(point, seconds=at) for point, at in zip(found.points, seconds, strict=True))
-    return replace(found, points=tuple(points))
 
 
 @dataclass(frozen=True)
@@ -328,6 +325,15 @@ class _Times:
     """When the points of the training curve were reached [s], as a provenance may say."""
 
     point_seconds: tuple[float, ...] | None = None
+
+
+def _timed(found: TrainingCurve, times: _Times) -> TrainingCurve:
+    """Take the times of the points from the provenance; those of files of older versions are in the points."""
+    seconds = times.point_seconds
+    if seconds is None or len(seconds) != len(found.points):
+        return found
+    points = (replace(point, seconds=at) for point, at in zip(found.points, seconds, strict=True))
+    return replace(found, points=tuple(points))
 
 
 def _points(file: Path, command: str) -> Points:

@@ -1,8 +1,8 @@
 """Results of verbs: frozen dataclasses whose fields say their unit and meaning, and are the keys of `--json`.
 
 A field's name is its key, and the order of fields is that of the keys; a class that is made of others has the fields of
-the last of its bases first. `as_json` makes from them what `--json` prints, `stating.results_markdown` makes
-docs/results-json.md. The package gives what verbs return; the modules hold the parts of it.
+the last of its bases first. `as_json` makes from them what `--json` prints; docs/results-json.md is made of them, too.
+The package gives what verbs return; the modules hold the parts of it.
 """
 
 from __future__ import annotations
@@ -21,10 +21,9 @@ if TYPE_CHECKING:
     from cornerforge.results.learning import Trained, TrainedAv
     from cornerforge.results.naturalistic import NddFitted, NddImported, NddShown
     from cornerforge.results.r157 import Regulated
-    from cornerforge.results.reading import from_json
     from cornerforge.results.reproduction import Reproduced
     from cornerforge.results.retest import Retested
-    from cornerforge.results.stating import as_json
+    from cornerforge.results.stating import as_json, from_json
     from cornerforge.results.suite import SuiteBuilt
     from cornerforge.results.validation import NddValidated
     from cornerforge.results.verbs import FILES, VERBS
@@ -82,8 +81,9 @@ _PLACES = {
     "cases": ("Plausibility", "Queried", "Replayed", "ShrunkLibrary", "Varied"),
     "driving": ("Filled", "NaturalRate", "Simulated"), "from_data": ("CasesFromData",), "imported": ("ImportedCases",),
     "learning": ("Trained", "TrainedAv"), "naturalistic": ("NddFitted", "NddImported", "NddShown"),
-    "r157": ("Regulated",), "reading": ("from_json",), "reproduction": ("Reproduced",), "retest": ("Retested",),
-    "stating": ("as_json",), "suite": ("SuiteBuilt",), "validation": ("NddValidated",), "verbs": ("FILES", "VERBS"),
+    "r157": ("Regulated",), "reproduction": ("Reproduced",), "retest": ("Retested",),
+    "stating": ("as_json", "from_json"), "suite": ("SuiteBuilt",), "validation": ("NddValidated",),
+    "verbs": ("FILES", "VERBS"),
     "whole": (
         "Exported", "Figured", "Initialised", "Migrated", "Reported", "RunDone", "Served", "Verified",
     ),

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Annotated
 
-from cornerforge.results.stating import meant
+from cornerforge._schema import Whole, meant
 
 __all__ = ["AvAbout", "AvCheck", "AvChecked", "AvDoes", "AvSpeed", "Avs"]
 
@@ -13,60 +14,58 @@ __all__ = ["AvAbout", "AvCheck", "AvChecked", "AvDoes", "AvSpeed", "Avs"]
 class AvAbout:
     """A built-in AV."""
 
-    name: str = field(metadata=meant("What `--av` takes."))
-    about: str = field(metadata=meant("What it is, in a line."))
+    name: Annotated[str, meant("What `--av` takes.")]
+    about: Annotated[str, meant("What it is, in a line.")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Avs:
     """The built-in AVs."""
 
-    avs: tuple[AvAbout, ...] = field(metadata=meant("All of them."))
+    avs: Annotated[tuple[AvAbout, ...], meant("All of them.")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class AvCheck:
     """Result of one trial of an AV."""
 
-    name: str = field(metadata=meant("Of the trial."))
-    verdict: str = field(metadata=meant('"ok", "warn" or "FAIL".'))
-    found: str = field(metadata=meant("What it did, in words."))
-    trace: str | None = field(default=None, metadata=meant("The AV's whole traceback, where it raised."))
+    name: Annotated[str, meant("Of the trial.")]
+    verdict: Annotated[str, meant('"ok", "warn" or "FAIL".')]
+    found: Annotated[str, meant("What it did, in words.")]
+    trace: Annotated[str | None, meant("The AV's whole traceback, where it raised.")] = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class AvSpeed:
     """How fast an AV answers, the way to its process included."""
 
-    worlds: int = field(metadata=meant("Worlds in a call: 1, 64 or 256; fewer sizes of a slow AV."))
-    calls_per_second: float = field(metadata=meant("Calls answered.", "1/s"))
-    decisions_per_second: float = field(metadata=meant("Calls times worlds.", "1/s"))
+    worlds: Annotated[Whole, meant("Worlds in a call: 1, 64 or 256; fewer sizes of a slow AV.")]
+    calls_per_second: Annotated[float, meant("Calls answered.", "1/s")]
+    decisions_per_second: Annotated[float, meant("Calls times worlds.", "1/s")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class AvDoes:
     """Work that an AV's speed allows, about: tests to their ends, and no more processes than cores."""
 
-    answer_seconds: float = field(metadata=meant("Time of an answer in one world, of so many together.", "s"))
-    batch: int = field(metadata=meant("Worlds that it is asked about together."))
-    processes: int = field(metadata=meant("Processes at the same time."))
-    tests_per_hour: float = field(metadata=meant("Tests.", "1/h"))
-    decisions_per_hour: int = field(metadata=meant("Decisions of a training against it.", "1/h"))
-    advice: str = field(metadata=meant("How long a training takes, and what to use, in words."))
+    answer_seconds: Annotated[float, meant("Time of an answer in one world, of so many together.", "s")]
+    batch: Annotated[Whole, meant("Worlds that it is asked about together.")]
+    processes: Annotated[Whole, meant("Processes at the same time.")]
+    tests_per_hour: Annotated[float, meant("Tests.", "1/h")]
+    decisions_per_hour: Annotated[Whole, meant("Decisions of a training against it.", "1/h")]
+    advice: Annotated[str, meant("How long a training takes, and what to use, in words.")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class AvChecked:
     """An AV from outside, tried on edge cases."""
 
-    av: str = field(metadata=meant("As it was named."))
-    kind: str = field(metadata=meant("class, policy, program, onnx or zip."))
-    hash: str = field(metadata=meant("Hash of its source or file."))
-    memory_gb: float = field(metadata=meant("Memory that each of its processes might take.", "GB"))
-    checks: tuple[AvCheck, ...] = field(metadata=meant("All trials, in their order."))
-    passed: bool = field(metadata=meant("None failed."))
-    log: str | None = field(
-        default=None, metadata=meant("File of what it printed and of its tracebacks, where it failed.")
-    )
-    speed: tuple[AvSpeed, ...] = field(metadata=meant("For 1, 64 and 256 worlds; empty where a trial failed before."))
-    does: AvDoes | None = field(metadata=meant("What its speed allows; null: it answers nothing."))
+    av: Annotated[str, meant("As it was named.")]
+    kind: Annotated[str, meant("class, policy, program, onnx or zip.")]
+    hash: Annotated[str, meant("Hash of its source or file.")]
+    memory_gb: Annotated[float, meant("Memory that each of its processes might take.", "GB")]
+    checks: Annotated[tuple[AvCheck, ...], meant("All trials, in their order.")]
+    passed: Annotated[bool, meant("None failed.")]
+    log: Annotated[str | None, meant("File of what it printed and of its tracebacks, where it failed.")] = None
+    speed: Annotated[tuple[AvSpeed, ...], meant("For 1, 64 and 256 worlds; empty where a trial failed before.")]
+    does: Annotated[AvDoes | None, meant("What its speed allows; null: it answers nothing.")]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Annotated
 
-from cornerforge.results.stating import meant
+from cornerforge._schema import Whole, meant
 
 __all__ = ["ImportedCase", "ImportedCases", "Refused"]
 
@@ -13,37 +14,40 @@ __all__ = ["ImportedCase", "ImportedCases", "Refused"]
 class ImportedCase:
     """A file of another tool, the case made of it, and what became of the AV in it."""
 
-    source: str = field(metadata=meant("The file that was read."))
-    case: str = field(metadata=meant("Name of the case."))
-    file: str = field(metadata=meant("Its case file."))
-    vehicles: int = field(metadata=meant("Vehicles in it, the AV among them."))
-    seconds: float = field(metadata=meant("How long it is.", "s"))
-    notes: tuple[str, ...] = field(metadata=meant("What could not be carried over, with its place in the source."))
-    outcome: str = field(
-        metadata=meant('What became of the AV: "crash", "no crash" or "unknown" (what it did is not recorded, or it '
-                       "did not answer).")
-    )  # fmt: skip
-    words: str = field(metadata=meant("What happened, in words."))
-    library: str | None = field(metadata=meant("Library that holds it; null: no crash."))
-    case_id: str | None = field(metadata=meant("Its case id there; null: no crash."))
+    source: Annotated[str, meant("The file that was read.")]
+    case: Annotated[str, meant("Name of the case.")]
+    file: Annotated[str, meant("Its case file.")]
+    vehicles: Annotated[Whole, meant("Vehicles in it, the AV among them.")]
+    seconds: Annotated[float, meant("How long it is.", "s")]
+    notes: Annotated[tuple[str, ...], meant("What could not be carried over, with its place in the source.")]
+    outcome: Annotated[
+        str,
+        meant(
+            'What became of the AV: "crash", "no crash" or "unknown" (what it did is not recorded, or '
+            "it did not answer)."
+        ),
+    ]
+    words: Annotated[str, meant("What happened, in words.")]
+    library: Annotated[str | None, meant("Library that holds it; null: no crash.")]
+    case_id: Annotated[str | None, meant("Its case id there; null: no crash.")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Refused:
     """A file that could not be read."""
 
-    source: str = field(metadata=meant("The file."))
-    why: str = field(metadata=meant("What is wrong with it."))
+    source: Annotated[str, meant("The file.")]
+    why: Annotated[str, meant("What is wrong with it.")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImportedCases:
     """Scenarios of other tools as cases."""
 
-    cases: tuple[ImportedCase, ...] = field(metadata=meant("The cases, in the order of the files."))
-    refused: tuple[Refused, ...] = field(metadata=meant("Files that could not be read."))
-    av: str = field(metadata=meant('The AV that drove; "recorded": whatever was in its seat.'))
-    crashes: int = field(metadata=meant("Cases that end in a crash of the AV."))
-    libraries: tuple[str, ...] = field(metadata=meant("Libraries of these: one for each road."))
-    out: str = field(metadata=meant("Folder of everything."))
-    seconds: float = field(metadata=meant("Wall-clock.", "s"))
+    cases: Annotated[tuple[ImportedCase, ...], meant("The cases, in the order of the files.")]
+    refused: Annotated[tuple[Refused, ...], meant("Files that could not be read.")]
+    av: Annotated[str, meant('The AV that drove; "recorded": whatever was in its seat.')]
+    crashes: Annotated[Whole, meant("Cases that end in a crash of the AV.")]
+    libraries: Annotated[tuple[str, ...], meant("Libraries of these: one for each road.")]
+    out: Annotated[str, meant("Folder of everything.")]
+    seconds: Annotated[float, meant("Wall-clock.", "s")]

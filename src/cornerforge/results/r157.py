@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Annotated
 
-from cornerforge.results.stating import meant, share
+from cornerforge._schema import Share, Whole, meant
 
 __all__ = ["Regulated", "RegulatedFamily", "RegulatedPair", "RegulatedRoads"]
 
@@ -15,82 +16,85 @@ _NO_INTERVAL = "A grid is no sample, so there is no interval."
 class _Verdicts:
     """Outcomes of an AV and of the reference drivers in some scenarios."""
 
-    scenarios: int = field(metadata=meant("Scenarios that the AV drove."))
-    failed: int = field(metadata=meant("Those in which it touches another vehicle, or another vehicle touches it."))
-    failed_but_prevented_by: dict[str, int] = field(
-        metadata=meant("Those of them that a reference driver drives through without contact, by its name.")
-    )
-    failed_but_prevented_by_all: int = field(metadata=meant("Those of them that each reference driver prevents."))
-    failed_but_held_speed_passes: int = field(
-        metadata=meant("Those of them in which a driver that only holds its speed touches nobody: no care was needed.")
-    )
-    reference_crashes: dict[str, int] = field(metadata=meant("Crashes of each reference driver in all the scenarios."))
+    scenarios: Annotated[Whole, meant("Scenarios that the AV drove.")]
+    failed: Annotated[Whole, meant("Those in which it touches another vehicle, or another vehicle touches it.")]
+    failed_but_prevented_by: Annotated[
+        dict[str, Whole], meant("Those of them that a reference driver drives through without contact, by its name.")
+    ]
+    failed_but_prevented_by_all: Annotated[Whole, meant("Those of them that each reference driver prevents.")]
+    failed_but_held_speed_passes: Annotated[
+        Whole, meant("Those of them in which a driver that only holds its speed touches nobody: no care was needed.")
+    ]
+    reference_crashes: Annotated[dict[str, Whole], meant("Crashes of each reference driver in all the scenarios.")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class RegulatedRoads:
     """How cut-ins of one closing speed lie on real roads, and what becomes of them; by a fit to recorded ones."""
 
-    at_least: float = field(
-        metadata=share(
+    at_least: Annotated[
+        Share,
+        meant(
             "Share, from 0 to 1, of closing cut-ins at such speeds of the other vehicle that close at least so fast."
-        )
-    )
-    failed: float = field(metadata=share("Share, from 0 to 1, of cut-ins that close so fast in which the AV fails."))
-    failed_but_prevented_by: dict[str, float] = field(
-        metadata=meant("Share in which the AV fails and a reference driver does not, by its name.")
-    )
+        ),
+    ]
+    failed: Annotated[Share, meant("Share, from 0 to 1, of cut-ins that close so fast in which the AV fails.")]
+    failed_but_prevented_by: Annotated[
+        dict[str, float], meant("Share in which the AV fails and a reference driver does not, by its name.")
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)
 class RegulatedPair(_Verdicts):
     """One family and one pair of speeds."""
 
-    family: str = field(metadata=meant('"cut-in", "cut-out" or "deceleration".'))
-    av_kmh: int = field(metadata=meant("Speed of the AV at the start.", "km/h"))
-    other_kmh: int = field(
-        metadata=meant("Speed of the vehicle that cuts in, is uncovered, or leads, at the start.", "km/h")
-    )
-    on_roads: RegulatedRoads | None = field(
-        metadata=meant("Of a cut-in; null: another family, or a speed at which none were recorded.")
-    )
+    family: Annotated[str, meant('"cut-in", "cut-out" or "deceleration".')]
+    av_kmh: Annotated[Whole, meant("Speed of the AV at the start.", "km/h")]
+    other_kmh: Annotated[
+        Whole, meant("Speed of the vehicle that cuts in, is uncovered, or leads, at the start.", "km/h")
+    ]
+    on_roads: Annotated[
+        RegulatedRoads | None, meant("Of a cut-in; null: another family, or a speed at which none were recorded.")
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)
 class RegulatedFamily(_Verdicts):
     """One family of scenarios."""
 
-    family: str = field(metadata=meant('"cut-in", "cut-out" or "deceleration".'))
-    share_failed: float = field(metadata=share(f"Of its scenarios, from 0 to 1. {_NO_INTERVAL}"))
+    family: Annotated[str, meant('"cut-in", "cut-out" or "deceleration".')]
+    share_failed: Annotated[Share, meant(f"Of its scenarios, from 0 to 1. {_NO_INTERVAL}")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Regulated(_Verdicts):
     """An AV in the scenarios of UN Regulation 157."""
 
-    av: str = field(metadata=meant("The AV."))
-    odd: str = field(metadata=meant("The ODD."))
-    share_failed: float = field(metadata=share(f"Of the scenarios, from 0 to 1. {_NO_INTERVAL}"))
-    share_failed_but_prevented_by_all: float = field(
-        metadata=share(f"Scenarios in which the AV fails and no reference driver does, from 0 to 1. {_NO_INTERVAL}")
-    )
-    av_faults: int = field(
-        metadata=meant("Further scenarios, in which an AV from outside raised, hung or gave no usable answer.")
-    )
-    too_fast_kmh: tuple[int, ...] = field(
-        metadata=meant("Speeds of the AV that are left out, because the ODD does not allow them.", "km/h")
-    )
-    roads_failed: float | None = field(
-        metadata=meant(
+    av: Annotated[str, meant("The AV.")]
+    odd: Annotated[str, meant("The ODD.")]
+    share_failed: Annotated[Share, meant(f"Of the scenarios, from 0 to 1. {_NO_INTERVAL}")]
+    share_failed_but_prevented_by_all: Annotated[
+        Share, meant(f"Scenarios in which the AV fails and no reference driver does, from 0 to 1. {_NO_INTERVAL}")
+    ]
+    av_faults: Annotated[
+        Whole, meant("Further scenarios, in which an AV from outside raised, hung or gave no usable answer.")
+    ]
+    too_fast_kmh: Annotated[
+        tuple[Whole, ...], meant("Speeds of the AV that are left out, because the ODD does not allow them.", "km/h")
+    ]
+    roads_failed: Annotated[
+        float | None,
+        meant(
             "Share of cut-ins in which the AV fails when each counts as often as a fit to recorded ones has it; null: "
             "no cut-ins were driven.",
-        )
-    )
-    roads_failed_but_prevented_by: dict[str, float] | None = field(
-        metadata=meant("The same, of cut-ins that a reference driver prevents, by its name; null with it.")
-    )
-    families: tuple[RegulatedFamily, ...] = field(metadata=meant("Family by family."))
-    pairs: tuple[RegulatedPair, ...] = field(metadata=meant("Pair of speeds by pair of speeds."))
-    library: str | None = field(metadata=meant("Library of the scenarios in which the AV fails; null without --out."))
-    page: str | None = field(metadata=meant("Page with the pictures; null without --out."))
-    seconds: float = field(metadata=meant("Wall-clock.", "s"))
+        ),
+    ]
+    roads_failed_but_prevented_by: Annotated[
+        dict[str, float] | None,
+        meant("The same, of cut-ins that a reference driver prevents, by its name; null with it."),
+    ]
+    families: Annotated[tuple[RegulatedFamily, ...], meant("Family by family.")]
+    pairs: Annotated[tuple[RegulatedPair, ...], meant("Pair of speeds by pair of speeds.")]
+    library: Annotated[str | None, meant("Library of the scenarios in which the AV fails; null without --out.")]
+    page: Annotated[str | None, meant("Page with the pictures; null without --out.")]
+    seconds: Annotated[float, meant("Wall-clock.", "s")]

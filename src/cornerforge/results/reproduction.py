@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Annotated
 
+from cornerforge._schema import Whole, meant
 from cornerforge.results.rates import Interval
-from cornerforge.results.stating import meant
 
 __all__ = ["PaperItem", "PaperRow", "Reproduced"]
 
@@ -21,38 +22,38 @@ _NOTE = meant("What to know for the comparison; may be empty.")
 class PaperRow:
     """One number of the paper beside ours."""
 
-    what: str = field(metadata=_WHAT)
-    paper: float | str | None = field(metadata=_PAPER)
-    ours: float | str | None = field(metadata=_OURS)
-    interval: Interval | None = field(metadata=_INTERVAL)
-    unit: str = field(metadata=_UNIT)
-    note: str = field(metadata=_NOTE)
+    what: Annotated[str, _WHAT]
+    paper: Annotated[float | str | None, _PAPER]
+    ours: Annotated[float | str | None, _OURS]
+    interval: Annotated[Interval | None, _INTERVAL]
+    unit: Annotated[str, _UNIT]
+    note: Annotated[str, _NOTE]
 
 
 @dataclass(frozen=True, kw_only=True)
 class PaperItem:
     """A figure or table of the paper beside ours, with the number that stands for it."""
 
-    id: str = field(metadata=meant("Its name for `--figure`."))
-    title: str = field(metadata=meant("Title on the page."))
-    place: str = field(metadata=meant("Where the paper has it."))
-    what: str = field(metadata=_WHAT)
-    unit: str = field(metadata=_UNIT)
-    paper: float | str | None = field(metadata=_PAPER)
-    ours: float | str | None = field(metadata=_OURS)
-    interval: Interval | None = field(metadata=_INTERVAL)
-    note: str = field(metadata=_NOTE)
-    rows: tuple[PaperRow, ...] = field(metadata=meant("All numbers."))
-    seconds: float = field(metadata=meant("Wall-clock of its making.", "s"))
+    id: Annotated[str, meant("Its name for `--figure`.")]
+    title: Annotated[str, meant("Title on the page.")]
+    place: Annotated[str, meant("Where the paper has it.")]
+    what: Annotated[str, _WHAT]
+    unit: Annotated[str, _UNIT]
+    paper: Annotated[float | str | None, _PAPER]
+    ours: Annotated[float | str | None, _OURS]
+    interval: Annotated[Interval | None, _INTERVAL]
+    note: Annotated[str, _NOTE]
+    rows: Annotated[tuple[PaperRow, ...], meant("All numbers.")]
+    seconds: Annotated[float, meant("Wall-clock of its making.", "s")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reproduced:
     """Figures and tables of the paper, ours beside theirs."""
 
-    items: tuple[PaperItem, ...] = field(metadata=meant("The items that were asked for."))
-    out: str = field(metadata=meant("Folder of everything."))
-    page: str = field(metadata=meant("File of the page."))
-    effort: str = field(metadata=meant("quick, standard or full."))
-    seed: int = field(metadata=meant("Seed of everything."))
-    seconds: float = field(metadata=meant("Wall-clock of this call.", "s"))
+    items: Annotated[tuple[PaperItem, ...], meant("The items that were asked for.")]
+    out: Annotated[str, meant("Folder of everything.")]
+    page: Annotated[str, meant("File of the page.")]
+    effort: Annotated[str, meant("quick, standard or full.")]
+    seed: Annotated[Whole, meant("Seed of everything.")]
+    seconds: Annotated[float, meant("Wall-clock of this call.", "s")]

@@ -1,31 +1,20 @@
-"""Metadata of result fields, and conversion of results to JSON and to documentation."""
+"""Conversion of results to JSON and back."""
 
 from __future__ import annotations
 
-import types
-from collections.abc import Iterator, Mapping
-from dataclasses import Field, fields, is_dataclass
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+import json
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, TypeVar
 
-__all__ = ["UNIONS", "as_json", "meant", "results_markdown", "share"]
+from cornerforge._checksums import read_json
+from cornerforge._schema import read
+from cornerforge.errors import FileFormatError
 
-UNIONS = (Union, types.UnionType)
-"""Origins of `A | B`; the first is that of a union with a Literal."""
+__all__ = ["as_json", "from_file", "from_json"]
 
-
-def meant(meaning: str, unit: str = "") -> dict[str, str]:
-    """Make the metadata of a field.
-
-    Args:
-        meaning: One sentence, with the edge values.
-        unit: Unit of the values, "" for none.
-    """
-    return {"unit": unit, "meaning": meaning}
-
-
-def share(meaning: str, unit: str = "") -> dict[str, Any]:
-    """Make the metadata of a field from 0 to 1: `meant`, with a range that a reader of files checks."""
-    return {**meant(meaning, unit), "within": (0.0, 1.0)}
+T = TypeVar("T")
 
 
 def as_json(result: Any) -> dict[str, Any]:
@@ -38,11 +27,39 @@ def as_json(result: Any) -> dict[str, Any]:
         result: One of the dataclasses of this package.
     """
     values = ((one, getattr(result, one.name)) for one in fields(result))
-    return {one.name: _plain(value) for one, value in values if value is not None or not _may_be_missing(one)}
+    return {one.name: _plain(value) for one, value in values if value is not None or one.default is not None}
 
 
-def _may_be_missing(one: Field[Any]) -> bool:
-    return one.default is None
+def from_json(kind: type[T], content: Mapping[str, Any]) -> T:
+    """Make a result of what `as_json` made of it; NaN is kept, and lists may be tuples.
+
+    Args:
+        kind: Its class: one of the dataclasses of this package.
+        content: The object; its own keys are those of the class.
+
+    Raises:
+        FileFormatError: Keys are missing or unknown, or a value is of another type or range.
+    """
+    place = f"This is no {kind.__name__}"
+    if unknown := set(content) - {one.name for one in fields(kind)}:  # type: ignore[arg-type]
+        raise FileFormatError(f'{place}: "{min(unknown)}" is unknown.')
+    return read(kind, json.loads(json.dumps(content)), place)  # numbers of NumPy are plain ones then
+
+
+def from_file(kind: type[T], path: Path, command: str) -> T:
+    """Read a result, or another dataclass, of a JSON file with its checksum; keys without a field are passed over.
+
+    Args:
+        kind: The dataclass.
+        path: The file.
+        command: What writes it, for messages.
+
+    Raises:
+        FileFormatError: The file is missing, unreadable, no JSON, no object, or has been changed; or a value in it is
+            missing, or of another type or range: the message names its place.
+    """
+    content = read_json(path, f"write it with: {command}")
+    return read(kind, content, str(path), f"write the file again with: {command}")
 
 
 def _plain(value: Any) -> Any:
@@ -53,77 +70,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
     return value
-
-
-_WORDS = {int: "integer", float: "number", str: "string", bool: "true or false", type(None): "null", Any: "any value"}
-
-
-def _in_words(kind: Any) -> str:
-    """Describe a field's type in JSON; results within it by name, with a link to their tables."""
-    arguments = get_args(kind)
-    if get_origin(kind) in UNIONS:
-        return " or ".join(map(_in_words, arguments))
-    if is_dataclass(kind):
-        name = getattr(kind, "__name__", "")
-        return f"[{name}](#{name.lower()})"
-    if get_origin(kind) is tuple:
-        if arguments[-1] is Ellipsis:
-            return f"list of {_in_words(arguments[0])}"
-        return f"[{', '.join(map(_in_words, arguments))}]"
-    if get_origin(kind) is dict:
-        return f"object of {_in_words(arguments[1])} by name"
-    return _WORDS[str if get_origin(kind) is Literal else kind]
-
-
-def _parts(kind: Any) -> Iterator[Any]:
-    """Find the results within a type, outermost first."""
-    if is_dataclass(kind):
-        yield kind
-        for inner in get_type_hints(kind).values():
-            yield from _parts(inner)
-    for argument in get_args(kind):
-        yield from _parts(argument)
-
-
-def _table(kind: Any) -> list[str]:
-    hints = get_type_hints(kind)
-    rows = [
-        f"| `{one.name}` | {_in_words(_type_of(one, hints))}{', may be missing' if _may_be_missing(one) else ''} "
-        f"| {one.metadata['unit']} | {one.metadata['meaning']} |"
-        for one in fields(kind)
-    ]
-    return ["| key | type | unit | meaning |", "| --- | --- | --- | --- |", *rows, ""]
-
-
-def _type_of(one: Field[Any], hints: Mapping[str, Any]) -> Any:
-    """Give a field's type, without None if a None is left out."""
-    kind = hints[one.name]
-    return get_args(kind)[0] if _may_be_missing(one) else kind
-
-
-def results_markdown(verbs: Mapping[str, Any], files: Mapping[str, Any]) -> str:
-    """Write the page docs/results-json.md: a table for each verb and file, and one for each result within others.
-
-    Args:
-        verbs: A verb's name to its result's dataclass.
-        files: A file's name to the dataclass that it holds; no file of a verb's own result.
-    """
-    lines = [
-        "# What commands print with `--json`", "",
-        "One object a command. From Python it is a dataclass of `cornerforge.results` whose attributes are the keys",
-        "(`simulate(tests=1000).crashes_per_test`), and `cornerforge.results.as_json` makes the object of it. Lists",
-        "are tuples there, and a key that may be missing is None. After the commands stand files of a run that no",
-        "command prints. This page is made from the code (`make golden`).", "",
-    ]  # fmt: skip
-    stated = {**verbs, **files}
-    for verb, kind in stated.items():
-        lines += [f"## `{verb}`", "", f"`{kind.__name__}`: {kind.__doc__.splitlines()[0]}", "", *_table(kind)]
-    inner = dict.fromkeys(part for kind in stated.values() for part in _parts(kind))
-    own = set(stated.values())
-    for part in inner:
-        if part not in own:
-            lines += [f"### {part.__name__}", "", part.__doc__.splitlines()[0], "", *_table(part)]
-    page = "\n".join(lines)
-    for verb, kind in verbs.items():  # they stand under the verb's name
-        page = page.replace(f"](#{kind.__name__.lower()})", f"](#{verb.replace(' ', '-')})")
-    return page

@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from cornerforge._checks import check_integer
-from cornerforge._strict_json import parse
+from cornerforge._schema import parse
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.world import MAX_BRANCH, VEHICLE, World, allocate_worlds, n_slots, world_of

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from cornerforge._extensions import extension
-from cornerforge._objects import object_fault
 from cornerforge._options import verb
+from cornerforge._schema import read
 from cornerforge.analysis.avoidability import AvoidParams, avoidability
 from cornerforge.analysis.stored import CASES_FILE, read_analysed
 from cornerforge.errors import FileFormatError, InputError
@@ -26,7 +26,7 @@ from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.filling import MODEL_FILE, policy_file
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.library.query import run_sql
-from cornerforge.library.schema import IDENTITY_FIELDS
+from cornerforge.library.schema import RunIdentity
 from cornerforge.report.moments import partner_of
 from cornerforge.results import Queried, Replayed
 from cornerforge.sim import scenario_digest
@@ -77,27 +77,23 @@ def experiment_with(
         FileFormatError: A file is missing or is not the one of the library.
     """
     identity = cases.identity
-    fault = object_fault(identity, IDENTITY_FIELDS, "run")
-    if fault is not None:
-        raise FileFormatError(f"The manifest of {cases.path} is damaged: {fault}, so it cannot be driven again.")
-    budget = identity["budget"]
-    policies = [load_policy(cases.path / policy_file(index)) for index in range(int(str(identity["policies"])))]
-    seed = int(str(identity["seed"]))
+    told = read(RunIdentity, identity, f"The manifest of {cases.path} is damaged", "it cannot be driven again.")
+    policies = [load_policy(cases.path / policy_file(index)) for index in range(told.policies)]
     run = experiment(
         world,
         road=cases.odd,
         model=cases.path / MODEL_FILE,
-        bv=str(identity["bv"]),
+        bv=told.bv,
         policy=policies or None,
-        bounded=bool(identity["bounded"]),
+        bounded=told.bounded,
         # Policies bring their budgets, which need not be the same.
-        budget=None if budget is None or policies else float(budget),
-        acting=str(identity["acting"]),
+        budget=None if policies else told.budget,
+        acting=told.acting,
         takes_foreign=True,
         takes_recorded=cases.on_rails,
-        seed=seed,
+        seed=told.seed,
     )
-    for key, value in run.identity(seed).items():
+    for key, value in run.identity(told.seed).items():
         if key not in changed and identity.get(key) != value:
             raise FileFormatError(
                 f"The library {cases.path} was made with {key} = {identity.get(key)!r}, "

@@ -21,7 +21,7 @@ from cornerforge._checksums import KEY, read_arrays, read_tensors, write_arrays,
 from cornerforge._files import check_regular, read_bytes, reason, writing
 from cornerforge._locks import is_lock
 from cornerforge._options import verb
-from cornerforge._strict_json import parse
+from cornerforge._schema import parse
 from cornerforge._table_checks import TableChecks, write_parquet
 from cornerforge._values import table_fault
 from cornerforge.errors import FileFormatError, InputError, OutputError

@@ -8,9 +8,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from cornerforge._schema import Whole, read
 from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig
-from cornerforge.errors import FileFormatError
 from cornerforge.execution.progress import NO_PROGRESS, Progress, begin_part
 from cornerforge.experiment.counting import simulate_experiment, tally_summary
 from cornerforge.experiment.output import SUMMARY, provenance, read_json_file, version, write_json
@@ -18,7 +18,7 @@ from cornerforge.experiment.policy_file import policy_hash, save_policy
 from cornerforge.experiment.setting import Experiment
 from cornerforge.library.filling import MODEL_FILE
 from cornerforge.library.manifest import MANIFEST
-from cornerforge.results import Analysed, Filled, NaturalRate, RunDone, Simulated, as_json, from_json
+from cornerforge.results import Analysed, Filled, NaturalRate, RunDone, Simulated, as_json
 from cornerforge.results.learning import Baseline, LearnedPolicy, TrainingCurve, TrainingPoint
 from cornerforge.results.rates import Yield
 from cornerforge.results.whole import Exposed, ExposedTo, Exposure, ExposureMiles, RunTrained, Spending
@@ -70,11 +70,7 @@ class Stages:
         if not all(file.exists() for file in (path, *(self._out / made for made in makes))):
             write_json(path, as_json(work()))
         # A resumed run reads the result from the file, so this run goes on with the same values.
-        content = read_json_file(path)
-        try:
-            return from_json(kind, content, stored=True)
-        except FileFormatError as error:
-            raise FileFormatError(f"{path} is damaged ({error}); remove it, or choose another place.") from error
+        return read(kind, read_json_file(path), f"{path} is damaged", "remove it, or choose another place.")
 
 
 @dataclass(frozen=True)
@@ -82,7 +78,7 @@ class Counted:
     """Tests with all histograms: their result, and the AV's exposure as counts by quantity."""
 
     rate: Simulated
-    exposure: dict[str, tuple[int, ...]]
+    exposure: dict[str, tuple[Whole, ...]]
 
 
 @dataclass(frozen=True)

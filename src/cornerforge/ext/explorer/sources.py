@@ -12,7 +12,7 @@ from cornerforge.analysis.stored import CASES_FILE, POINTS_FILE, WITNESSES_FILE,
 from cornerforge.errors import FileFormatError
 from cornerforge.library import CaseLibrary
 from cornerforge.results import Analysed
-from cornerforge.results.reading import open_json
+from cornerforge.results.stating import from_file
 
 __all__ = ["FILES", "Analysis", "Source", "read_analysis", "read_ways_out"]
 
@@ -64,7 +64,7 @@ def read_analysis(folder: Path, library: Path) -> Analysis:
         FileFormatError: A file is missing or damaged; the message names it and what writes it again.
     """
     command = f"cornerforge analyse {library} --out {folder}"
-    found = open_json(folder / "analysis.json", command).read(Analysed)
+    found = from_file(Analysed, folder / "analysis.json", command)
     table = read_analysed(folder / CASES_FILE, command)
     missing = {"case_id", "pc1", "pc2", "cluster"} - set(table.column_names)
     if missing:

@@ -26,8 +26,8 @@ from cornerforge.report import text
 from cornerforge.report.drawing import check_matplotlib, png_of, svg_of
 from cornerforge.report.rendering import environment, template, write_page
 from cornerforge.report.tables import Table
-from cornerforge.results.reading import open_json
 from cornerforge.results.reproduction import PaperItem, PaperRow
+from cornerforge.results.stating import from_file
 
 __all__ = ["RENDERERS", "check_reproduction", "write_reproduction"]
 
@@ -113,8 +113,8 @@ def write_reproduction(out: Path) -> Path:
         OutputError: A file cannot be written.
     """
     check_reproduction()
-    found = open_json(out / "items.json", COMMAND).read(_Items)
-    made = open_json(out / "provenance.json", COMMAND).read(_Made)
+    found = from_file(_Items, out / "items.json", COMMAND)
+    made = from_file(_Made, out / "provenance.json", COMMAND)
     sections = [_section(item, out / "figures") for item in found.items]
     return write_page(_render(found, made, sections), out / "index.html")
 

@@ -10,21 +10,21 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 
 from cornerforge._checks import check_integer
-from cornerforge._objects import object_fault
+from cornerforge._schema import Closed, Share, Whole, meant, read
 from cornerforge.drivers.naturalistic import tables_of
-from cornerforge.errors import FileFormatError, InputError
+from cornerforge.errors import InputError
 from cornerforge.execution.progress import Progress
 from cornerforge.experiment.output import read_json_file, write_json
 from cornerforge.experiment.setting import Experiment
 from cornerforge.ext.calibrate.uncertainty import check_drawable, drawn_model, drawn_variations
-from cornerforge.fields import Field
 from cornerforge.ndd.model import NddModel, model_hash
 from cornerforge.rates.branching import Plan, TreeDriver, drive_trees
 from cornerforge.rates.model_uncertainty import (
@@ -41,7 +41,7 @@ from cornerforge.results import NaturalRate
 from cornerforge.results.driving import Cost, ModelUncertainty
 from cornerforge.sim import BUILT_IN
 
-__all__ = ["DRAW_FIELDS", "check_model_draws", "with_model_draws"]
+__all__ = ["Draw", "check_model_draws", "with_model_draws"]
 
 _TREES_EACH = 20_000
 _CRASHES_EACH = 25
@@ -53,56 +53,25 @@ _USE = 3
 """Makes seeds of the draws others than those of `Splitting`."""
 
 
-_COUNT = (0, 2**63 - 1)
-_AT_LEAST_0 = (0.0, 1e300)
-DRAW_FIELDS: tuple[Field, ...] = (
-    Field("method", "string", "", "How the rate was found."),
-    Field("tests", "int64", "", "From how many tests or trees.", _COUNT),
-    Field("model_hash", "string", "", "Which model."),
-    Field("factors", "object", "", "Times what its numbers are of the model in use."),
-    Field("rate", "float64", "per test", "Crashes of the AV.", _AT_LEAST_0),
-    Field("error", "float64", "per test", "Its standard error.", _AT_LEAST_0),
-    Field("largest", "float64", "", "Largest share of the rate in one tree; 0 for counts.", (0.0, 1.0)),
-    Field("lost", "int64", "", "Copies of worlds that found no room.", _COUNT),
-    Field("traffic_tests", "int64", "", "Plain tests besides, in which crashes between BVs were counted.", _COUNT),
-    Field("bv_crashes", "int64", "", "Crashes between BVs in them.", _COUNT),
-    Field("cpu_seconds", "float64", "s", "Time on processors.", _AT_LEAST_0),
-    Field("seconds", "float64", "s", "Wall-clock time.", _AT_LEAST_0),
-)
-"""What a file of `draws/` holds: one model's rate."""
+class Draw(Closed, frozen=True):
+    """One model's rate; a file of `draws/` holds it."""
 
-
-@dataclass(frozen=True)
-class _Draw:
-    """One model's rate.
-
-    Attributes:
-        method, tests: How it was found, and from how many tests or trees.
-        model_hash: Which model.
-        factors: Times what its numbers are of the model in use.
-        rate, error: Per test, with its standard error; 0 without a crash.
-        largest: Largest share of the rate in one tree; 0 for counts.
-        lost: Copies of worlds that found no room.
-        traffic_tests, bv_crashes: Crashes between BVs in so many plain tests more.
-        cpu_seconds, seconds: What it took.
-    """
-
-    method: str
-    tests: int
-    model_hash: str
-    factors: dict[str, float]
-    rate: float
-    error: float
-    largest: float
-    lost: int
-    traffic_tests: int
-    bv_crashes: int
-    cpu_seconds: float
-    seconds: float
+    method: Annotated[str, meant("How the rate was found.")]
+    tests: Annotated[Whole, meant("From how many tests or trees.")]
+    model_hash: Annotated[str, meant("Which model.")]
+    factors: Annotated[dict[str, float], meant("Times what its numbers are of the model in use.")]
+    rate: Annotated[float, meant("Crashes of the AV; 0 without a crash.", "per test", 0.0)]
+    error: Annotated[float, meant("Its standard error.", "per test", 0.0)]
+    largest: Annotated[Share, meant("Largest share of the rate in one tree; 0 for counts.")]
+    lost: Annotated[Whole, meant("Copies of worlds that found no room.")]
+    traffic_tests: Annotated[Whole, meant("Plain tests besides, in which crashes between BVs were counted.")]
+    bv_crashes: Annotated[Whole, meant("Crashes between BVs in them.")]
+    cpu_seconds: Annotated[float, meant("Time on processors.", "s", 0.0)]
+    seconds: Annotated[float, meant("Wall-clock time.", "s", 0.0)]
 
 
 _Drive = Callable[[Experiment, int, Callable[[int], None]], dict[str, Any]]
-"""Drives an experiment's tests of a seed, tells how many are done, and says what `_Draw` holds of them."""
+"""Drives an experiment's tests of a seed, tells how many are done, and says what `Draw` holds of them."""
 
 
 def check_model_draws(model_draws: int, model: NddModel) -> None:
@@ -153,7 +122,7 @@ def with_model_draws(
         method, tests, drive = "mc", _tests_each(found), _counting(_tests_each(found), threads)
     else:
         method, tests, drive = "splitting", _TREES_EACH, _weigh_trees(*by_trees, threads)
-    draws: list[_Draw] = []
+    draws: list[Draw] = []
 
     def tell(done: int) -> None:
         progress("drive drawn models", len(draws) * tests + done, model_draws * tests)
@@ -165,7 +134,7 @@ def with_model_draws(
         if draw is None or (draw.method, draw.tests, draw.traffic_tests) != (method, tests, _TRAFFIC_TESTS):
             draw = _driven(run, seed, k, drive, method, tests, threads, tell)
             if place is not None:
-                write_json(place, asdict(draw))
+                write_json(place, msgspec.structs.asdict(draw))
         draws.append(draw)
     tell(0)
     return replace(found, model_uncertainty=_judged(found, draws))
@@ -180,7 +149,7 @@ def _tests_each(found: NaturalRate) -> int:
 def _driven(
     run: Experiment, seed: int, k: int, drive: _Drive, method: str, tests: int, threads: int,
     tell: Callable[[int], None],
-) -> _Draw:  # fmt: skip
+) -> Draw:  # fmt: skip
     model = drawn_model(run.model, seed, k)
     changed = replace(run, model=model, setting=run.setting._replace(tables=tables_of(model)))
     own_seed = int(np.random.SeedSequence([seed, _USE, k]).generate_state(1, np.uint64)[0] >> np.uint64(1))
@@ -194,7 +163,7 @@ def _driven(
     came_to["cpu_seconds"] = round(came_to["cpu_seconds"] + traffic.cpu_seconds, 3)
     factors = {f"{v.part}.{v.field}": v.factor for v in drawn_variations(run.model, seed, k)}
     seconds = round(time.perf_counter() - begun, 3)
-    return _Draw(
+    return Draw(
         method=method, tests=tests, model_hash=model_hash(model), factors=factors, seconds=seconds,
         traffic_tests=traffic.tests, bv_crashes=traffic.bv_crashes, **came_to,
     )  # fmt: skip
@@ -230,7 +199,7 @@ def _weigh_trees(plan: Plan, driver: TreeDriver, threads: int) -> _Drive:
     return drive
 
 
-def _judged(found: NaturalRate, draws: list[_Draw]) -> ModelUncertainty:
+def _judged(found: NaturalRate, draws: list[Draw]) -> ModelUncertainty:
     rates, errors = np.array([draw.rate for draw in draws]), np.array([draw.error for draw in draws])
     if found.method == "mc":
         exposures = np.array([float(draw.tests) for draw in draws])
@@ -270,14 +239,10 @@ def _judged(found: NaturalRate, draws: list[_Draw]) -> ModelUncertainty:
     )
 
 
-def _read(place: Path) -> _Draw:
+def _read(place: Path) -> Draw:
     """Read a draw that was kept.
 
     Raises:
         FileFormatError: It is damaged.
     """
-    content = read_json_file(place)
-    fault = object_fault(content, DRAW_FIELDS, closed=True)
-    if fault is not None:
-        raise FileFormatError(f"{place} is damaged: {fault}; remove it, or choose another place.")
-    return _Draw(**content)
+    return read(Draw, read_json_file(place), f"{place} is damaged", "remove it, or choose another place.")
