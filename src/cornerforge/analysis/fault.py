@@ -17,13 +17,13 @@ numbers are what they are, stands in docs/adr/0015-fault.md. For the AV and the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_number
+from cornerforge._schema import check_fields, meant
 from cornerforge.analysis.pair import AV, BV, PairMotion, pair_motion
 from cornerforge.fields import BEFORE_CONTACT, Field
 from cornerforge.metrics.rss import rss_lateral, rss_longitudinal, rss_margin
@@ -73,28 +73,20 @@ _SPEED_TOLERANCE = 0.05
 class Duties:
     """Numbers that RSS assumes of a vehicle, and duties that it gives it.
 
-    Attributes:
-        response_time: Time until it reacts to danger (rho).
-        max_acceleration: Its largest acceleration meanwhile.
-        min_braking: Its least braking afterwards, when it is behind.
-        max_braking: The hardest that it may brake when it is ahead.
-        hardest_braking: The hardest that it can brake; doing so fulfils any `min_braking`.
-
     Raises:
         InputError: A value is out of range.
     """
 
-    response_time: float = field(metadata={"unit": "s"})
-    max_acceleration: float = field(metadata={"unit": "m/s2"})
-    min_braking: float = field(metadata={"unit": "m/s2"})
-    max_braking: float = field(metadata={"unit": "m/s2"})
-    hardest_braking: float = field(metadata={"unit": "m/s2"})
+    response_time: Annotated[float, meant("Time until it reacts to danger (rho).", "s", 0, 5)]
+    max_acceleration: Annotated[float, meant("Its largest acceleration meanwhile.", "m/s2", 0, 10)]
+    min_braking: Annotated[float, meant("Its least braking afterwards, when it is behind.", "m/s2", 0.1, 12)]
+    max_braking: Annotated[float, meant("The hardest that it may brake when it is ahead.", "m/s2", 0.1, 12)]
+    hardest_braking: Annotated[
+        float, meant("The hardest that it can brake; doing so fulfils any `min_braking`.", "m/s2", 0.1, 12)
+    ]
 
     def __post_init__(self) -> None:
-        check_number("duties.response_time", self.response_time, low=0.0, high=5.0, unit="s")
-        check_number("duties.max_acceleration", self.max_acceleration, low=0.0, high=10.0, unit="m/s2")
-        for name in ("min_braking", "max_braking", "hardest_braking"):
-            check_number(f"duties.{name}", getattr(self, name), low=0.1, high=12.0, unit="m/s2")
+        check_fields(self, "duties.")
 
 
 @dataclass(frozen=True)
@@ -104,9 +96,6 @@ class RssRules:
     Attributes:
         av: The AV's duties.
         bv: A BV's duties.
-        lateral_acceleration: The most that a vehicle may accelerate towards another while it responds.
-        lateral_braking: Its least lateral braking afterwards, while it still moves towards the other.
-        lateral_margin: Space that must be left beside a vehicle (mu).
         free_evasion: A vehicle that did not move in may steer either way once the two overlap sideways; False: as the
             RSS paper says it.
 
@@ -116,15 +105,17 @@ class RssRules:
 
     av: Duties = Duties(0.5, 2.0, 4.0, 6.0, 8.0)
     bv: Duties = Duties(1.0, 2.0, 6.0, 4.0, 4.0)
-    lateral_acceleration: float = field(default=0.2, metadata={"unit": "m/s2"})
-    lateral_braking: float = field(default=0.8, metadata={"unit": "m/s2"})
-    lateral_margin: float = field(default=0.1, metadata={"unit": "m"})
+    lateral_acceleration: Annotated[
+        float, meant("The most that a vehicle may accelerate towards another while it responds.", "m/s2", 0, 10)
+    ] = 0.2
+    lateral_braking: Annotated[
+        float, meant("Its least lateral braking afterwards, while it still moves towards the other.", "m/s2", 0.1, 10)
+    ] = 0.8
+    lateral_margin: Annotated[float, meant("Space that must be left beside a vehicle (mu).", "m", 0, 1)] = 0.1
     free_evasion: bool = True
 
     def __post_init__(self) -> None:
-        check_number("rules.lateral_acceleration", self.lateral_acceleration, low=0.0, high=10.0, unit="m/s2")
-        check_number("rules.lateral_braking", self.lateral_braking, low=0.1, high=10.0, unit="m/s2")
-        check_number("rules.lateral_margin", self.lateral_margin, low=0.0, high=1.0, unit="m")
+        check_fields(self, "rules.")
 
 
 @dataclass(frozen=True)

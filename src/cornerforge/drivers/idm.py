@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
 
-from cornerforge._checks import check_number
 from cornerforge._jit import inlined_kernel
+from cornerforge._schema import check_fields, meant
 
 __all__ = ["IdmNumbers", "IdmParams", "desired_gap", "free_acceleration", "idm_acceleration"]
 
@@ -19,20 +19,15 @@ class IdmParams:
     The command is cut to [-max_braking, max_acceleration]. The exponent delta is 4, fixed.
     """
 
-    max_acceleration: float = field(default=2.0, metadata={"unit": "m/s2"})
-    comfortable_braking: float = field(default=4.0, metadata={"unit": "m/s2"})
-    standstill_gap: float = field(default=5.0, metadata={"unit": "m"})
-    time_gap: float = field(default=1.5, metadata={"unit": "s"})
-    desired_speed: float = field(default=35.0, metadata={"unit": "m/s"})
-    max_braking: float = field(default=4.0, metadata={"unit": "m/s2"})
+    max_acceleration: Annotated[float, meant("Largest acceleration.", "m/s2", 0.1, 10)] = 2.0
+    comfortable_braking: Annotated[float, meant("Braking that it aims at.", "m/s2", 0.1, 10)] = 4.0
+    standstill_gap: Annotated[float, meant("Gap that it leaves standing.", "m", 0, 50)] = 5.0
+    time_gap: Annotated[float, meant("Gap that it leaves driving, over its speed.", "s", 0, 10)] = 1.5
+    desired_speed: Annotated[float, meant("Speed on a free road.", "m/s", 1, 80)] = 35.0
+    max_braking: Annotated[float, meant("Hardest braking.", "m/s2", 0.1, 12)] = 4.0
 
     def __post_init__(self) -> None:
-        check_number("idm.max_acceleration", self.max_acceleration, low=0.1, high=10.0, unit="m/s2")
-        check_number("idm.comfortable_braking", self.comfortable_braking, low=0.1, high=10.0, unit="m/s2")
-        check_number("idm.standstill_gap", self.standstill_gap, low=0.0, high=50.0, unit="m")
-        check_number("idm.time_gap", self.time_gap, low=0.0, high=10.0, unit="s")
-        check_number("idm.desired_speed", self.desired_speed, low=1.0, high=80.0, unit="m/s")
-        check_number("idm.max_braking", self.max_braking, low=0.1, high=12.0, unit="m/s2")
+        check_fields(self, "idm.")
 
 
 class IdmNumbers(NamedTuple):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
 
-from cornerforge._checks import check_number
 from cornerforge._jit import inlined_kernel
+from cornerforge._schema import check_fields, meant
 from cornerforge.drivers.idm import IdmNumbers, idm_acceleration
 
 __all__ = ["MobilNumbers", "MobilParams", "mobil_gain"]
@@ -19,14 +19,12 @@ NO_CHANGE = -1e9
 class MobilParams:
     """Parameters of MOBIL. Defaults: the surrogate AV of the paper's group (NADE)."""
 
-    politeness: float = 0.0
-    min_gain: float = field(default=0.2, metadata={"unit": "m/s2"})
-    max_imposed_braking: float = field(default=2.0, metadata={"unit": "m/s2"})
+    politeness: Annotated[float, meant("Weight of what others gain or lose.", "", 0, 1)] = 0.0
+    min_gain: Annotated[float, meant("Gain from which on it changes lanes.", "m/s2", 0, 10)] = 0.2
+    max_imposed_braking: Annotated[float, meant("Most that the driver behind must brake.", "m/s2", 0.1, 10)] = 2.0
 
     def __post_init__(self) -> None:
-        check_number("mobil.politeness", self.politeness, low=0.0, high=1.0)
-        check_number("mobil.min_gain", self.min_gain, low=0.0, high=10.0, unit="m/s2")
-        check_number("mobil.max_imposed_braking", self.max_imposed_braking, low=0.1, high=10.0, unit="m/s2")
+        check_fields(self, "mobil.")
 
 
 class MobilNumbers(NamedTuple):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
 
-from cornerforge._checks import check_number
 from cornerforge._jit import inlined_kernel
+from cornerforge._schema import check_fields, meant
 
 __all__ = ["RssNumbers", "RssParams", "rss_braking", "rss_distance"]
 
@@ -21,33 +21,22 @@ class RssParams:
     The paper leaves the values open. Ours: the AV decides every 0.1 s, and its brakes need some more time; the lead may
     brake as hard as a car can; a driver behind needs a second, but brakes hard when the AV forces it to.
 
-    Attributes:
-        response_time: The AV's response time, rho.
-        max_acceleration: The AV's largest acceleration during its response time.
-        min_braking: The AV's least braking when it is too near (proper response).
-        lead_braking: The hardest braking of a vehicle ahead (for a driver behind: of the AV).
-        rear_response_time, rear_acceleration, rear_braking: The first three for a driver behind the AV.
-
     Raises:
         InputError: A value is out of range.
     """
 
-    response_time: float = field(default=0.3, metadata={"unit": "s"})
-    max_acceleration: float = field(default=2.0, metadata={"unit": "m/s2"})
-    min_braking: float = field(default=6.0, metadata={"unit": "m/s2"})
-    lead_braking: float = field(default=8.0, metadata={"unit": "m/s2"})
-    rear_response_time: float = field(default=1.0, metadata={"unit": "s"})
-    rear_acceleration: float = field(default=1.0, metadata={"unit": "m/s2"})
-    rear_braking: float = field(default=6.0, metadata={"unit": "m/s2"})
+    response_time: Annotated[float, meant("Of the AV, rho.", "s", 0, 5)] = 0.3
+    max_acceleration: Annotated[float, meant("Its largest during its response time.", "m/s2", 0, 10)] = 2.0
+    min_braking: Annotated[float, meant("Its least when it is too near.", "m/s2", 0.1, _HARDEST_BRAKING)] = 6.0
+    lead_braking: Annotated[
+        float, meant("Hardest of a vehicle ahead (for one behind: of the AV).", "m/s2", 0.1, 12)
+    ] = 8.0
+    rear_response_time: Annotated[float, meant("Of a driver behind the AV.", "s", 0, 5)] = 1.0
+    rear_acceleration: Annotated[float, meant("Its largest during its response time.", "m/s2", 0, 10)] = 1.0
+    rear_braking: Annotated[float, meant("Its least when it is too near.", "m/s2", 0.1, 12)] = 6.0
 
     def __post_init__(self) -> None:
-        check_number("rss.response_time", self.response_time, low=0.0, high=5.0, unit="s")
-        check_number("rss.max_acceleration", self.max_acceleration, low=0.0, high=10.0, unit="m/s2")
-        check_number("rss.min_braking", self.min_braking, low=0.1, high=_HARDEST_BRAKING, unit="m/s2")
-        check_number("rss.lead_braking", self.lead_braking, low=0.1, high=12.0, unit="m/s2")
-        check_number("rss.rear_response_time", self.rear_response_time, low=0.0, high=5.0, unit="s")
-        check_number("rss.rear_acceleration", self.rear_acceleration, low=0.0, high=10.0, unit="m/s2")
-        check_number("rss.rear_braking", self.rear_braking, low=0.1, high=12.0, unit="m/s2")
+        check_fields(self, "rss.")
 
 
 class RssNumbers(NamedTuple):
