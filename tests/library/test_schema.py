@@ -8,7 +8,7 @@ import pytest
 
 from cornerforge._arrow import arrow_type
 from cornerforge.fields import CASES, TRACKS, Field
-from cornerforge.library.schema import RAILS_TRACKS, schema_markdown
+from cornerforge.library.schema import RAILS_TRACKS
 
 SUFFIX = {"m": "_m", "s": "_s", "m/s": "_mps", "m/s2": "_mps2", "rad": "_rad"}
 
@@ -31,6 +31,13 @@ def test_files_carry_units_and_meanings(filled: Path, columns: tuple[Field, ...]
         assert metadata[b"meaning"].decode() == column.meaning
         assert metadata.get(b"unit", b"").decode() == column.unit
     assert schema.metadata[b"cornerforge_schema_version"] == b"1"
+
+
+def schema_markdown(columns: tuple[Field, ...]) -> str:
+    rows = [
+        f"| `{c.name}` | {c.type} | {c.unit} | {c.allowed} | {c.meaning.replace('|', chr(92) + '|')} |" for c in columns
+    ]
+    return "\n".join(["| column | type | unit | allowed | meaning |", "| --- | --- | --- | --- | --- |", *rows])
 
 
 def test_the_documentation_is_made_of_the_code(golden: Callable[[str, str], None]) -> None:

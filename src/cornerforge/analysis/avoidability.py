@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pyarrow as pa
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cornerforge._arrow import arrow_fields
 from cornerforge._checks import check_in, check_integer, check_number
+from cornerforge._schema import check_fields, meant
 from cornerforge.counterfactual import (
     BRAKING,
     COMBINED,
@@ -73,42 +74,32 @@ _DEFAULT_ACCELERATIONS = (-8.0, -4.0, 0.0, 2.0)
 class AvoidParams:
     """Manoeuvres that the AV may try, and the condition of an avoided crash.
 
-    Attributes:
-        decision_s: Time between two decisions of the AV, 0.1 to 0.5, a multiple of 0.1.
-        delay_s: A way out counts for the label if it may begin this long after the manoeuvre that led to the crash
-            began, or later; 0 to 5.
-        accelerations_mps2: Accelerations that it may hold between decisions: 0, at least one below 0, all in [-20, 10].
-        max_lateral_acceleration_mps2: Of its lane changes, whose length follows from it; 1 to 20.
-        lane_changes: Largest number of times that it may decide on another lane (an abort is one), 0 to 4.
-        horizon_s: How long after the time of the contact no vehicle may touch it, 0 to 10.
-        lookback_s: How long before the contact a way out may begin, 0.1 to 60.
-        others: Which vehicles count after the contact, one of `OTHERS`.
-        steers: The AV steers itself: it may also drive a third of a lane beside a lane's centre, and so pass by an
-            obstacle within its lane.
-
     Raises:
-        InputError: A field is out of range.
+        InputError: A field is out of range, or they do not fit together.
     """
 
-    decision_s: float = field(default=0.5, metadata={"unit": "s"})
-    delay_s: float = field(default=0.0, metadata={"unit": "s"})
-    accelerations_mps2: tuple[float, ...] = field(default=_DEFAULT_ACCELERATIONS, metadata={"unit": "m/s2"})
-    max_lateral_acceleration_mps2: float = field(default=4.0, metadata={"unit": "m/s2"})
-    lane_changes: int = 2
-    horizon_s: float = field(default=3.0, metadata={"unit": "s"})
-    lookback_s: float = field(default=5.0, metadata={"unit": "s"})
-    others: str = "all"
-    steers: bool = False
+    decision_s: Annotated[float, meant("Between two decisions of the AV, a multiple of 0.1 s.", "s", 0.1, 0.5)] = 0.5
+    delay_s: Annotated[
+        float, meant("Time from the begin of the manoeuvre that led to the crash until a way out may begin.", "s", 0, 5)
+    ] = 0.0
+    accelerations_mps2: Annotated[
+        tuple[float, ...], meant("Held between decisions: 0, at least one below 0, all in [-20, 10].", "m/s2")
+    ] = _DEFAULT_ACCELERATIONS
+    max_lateral_acceleration_mps2: Annotated[
+        float, meant("Of its lane changes, whose length follows from it.", "m/s2", 1, 20)
+    ] = 4.0
+    lane_changes: Annotated[int, meant("Most decisions on another lane; an abort is one.", "", 0, 4)] = 2
+    horizon_s: Annotated[float, meant("Time after the contact in which no vehicle may touch it.", "s", 0, 10)] = 3.0
+    lookback_s: Annotated[float, meant("Longest time from a way out's begin to the contact.", "s", FRAME_S, 60)] = 5.0
+    others: Annotated[str, meant("Which vehicles count after the contact, one of `OTHERS`.")] = "all"
+    steers: Annotated[
+        bool, meant("It may also drive a third of a lane beside a lane's centre, past an obstacle within its lane.")
+    ] = False
 
     def __post_init__(self) -> None:
-        check_number("decision_s", self.decision_s, low=0.1, high=0.5, unit="s")
+        check_fields(self, "")
         if abs(self.decision_s / FRAME_S - round(self.decision_s / FRAME_S)) > 1e-6:
             raise InputError(f"decision_s = {self.decision_s} s is not a multiple of {FRAME_S} s; round it to one.")
-        check_number("delay_s", self.delay_s, low=0.0, high=5.0, unit="s")
-        check_number("max_lateral_acceleration_mps2", self.max_lateral_acceleration_mps2, low=1.0, high=20.0)
-        check_integer("lane_changes", self.lane_changes, low=0, high=4)
-        check_number("horizon_s", self.horizon_s, low=0.0, high=10.0, unit="s")
-        check_number("lookback_s", self.lookback_s, low=FRAME_S, high=60.0, unit="s")
         check_in("choice of others", self.others, OTHERS)
         for value in self.accelerations_mps2:
             check_number("accelerations_mps2", value, low=-20.0, high=10.0, unit="m/s2")

@@ -1,4 +1,4 @@
-"""What a case file holds, key by key: the types that check what is read, and of which its JSON Schema is made."""
+"""Types of a case file, key by key: they check what is read, and its JSON Schema is made of them."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class PoseContent(Closed, frozen=True):
 
 
 class HappenedContent(Closed, frozen=True):
-    """What became of the case with its AV; without contact nothing but `contact` is there."""
+    """Outcome of the case with its AV; without contact nothing but `contact` is there."""
 
     contact: Annotated[bool, meant("Did the AV touch another vehicle, or was it touched?")]
     time_s: (
@@ -106,7 +106,7 @@ class StartContent(Closed, frozen=True):
 
 
 class PosesContent(Closed, frozen=True):
-    """Where a vehicle is at every tenth of a second, from `first_frame` on. Of the AV: what it did when recorded.
+    """Places of a vehicle at every tenth of a second, from `first_frame` on. Of the AV: what it did when recorded.
 
     A number instead of a list stays the same; null: it is absent.
     """

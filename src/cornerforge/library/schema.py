@@ -1,4 +1,4 @@
-"""Schemas of the case library's files and their documentation, made from the lists in `fields.py`.
+"""Schemas of the case library's files, made from the lists in `fields.py`.
 
 A shard is two Parquet files with the same rows in the same order: `cases-NNNNNN.parquet`, one small row a case (what
 statistics and queries read), and `tracks-NNNNNN.parquet`, the trajectories (what one replay reads).
@@ -34,7 +34,6 @@ __all__ = [
     "arrow_schema",
     "check_extra_name",
     "own_fields",
-    "schema_markdown",
     "schema_version",
     "tracks_fields",
 ]
@@ -87,7 +86,7 @@ AV_SIZES: tuple[Field, ...] = (
 
 @dataclass(frozen=True, kw_only=True)
 class RunIdentity:
-    """What `run` of a library's manifest, and `identity` of a provenance, hold of an experiment; commands add keys."""
+    """Identity of an experiment: `run` of a manifest, and `identity` of a provenance; commands add keys."""
 
     seed: Annotated[Whole, meant("Seed of the tests.")]
     odd: Annotated[str, meant("Name of the ODD.")]
@@ -166,17 +165,3 @@ def schema_version(*, scripted: bool, on_rails: bool = False) -> int:
     if on_rails:
         return SCHEMA_VERSION
     return 2 if scripted else 1
-
-
-def schema_markdown(columns: tuple[Field, ...]) -> str:
-    """Columns as a Markdown table: name, type, unit, allowed values, meaning; for the documentation.
-
-    >>> print(schema_markdown(CASES[:1]))
-    | column | type | unit | allowed | meaning |
-    | --- | --- | --- | --- | --- |
-    | `case_id` | string |  |  | Name of the case, seed:test. |
-    """
-    rows = [
-        f"| `{c.name}` | {c.type} | {c.unit} | {c.allowed} | {c.meaning.replace('|', chr(92) + '|')} |" for c in columns
-    ]
-    return "\n".join(["| column | type | unit | allowed | meaning |", "| --- | --- | --- | --- | --- |", *rows])

@@ -129,7 +129,9 @@ def with_model_draws(
 
     for k in range(model_draws):
         place = None if out is None else out / "draws" / f"{k:04}.json"
-        draw = None if place is None or not place.exists() else _read(place)
+        draw = None
+        if place is not None and place.exists():
+            draw = read(Draw, read_json_file(place), f"{place} is damaged", "remove it, or choose another place.")
         tell(0)
         if draw is None or (draw.method, draw.tests, draw.traffic_tests) != (method, tests, _TRAFFIC_TESTS):
             draw = _driven(run, seed, k, drive, method, tests, threads, tell)
@@ -237,12 +239,3 @@ def _judged(found: NaturalRate, draws: list[Draw]) -> ModelUncertainty:
             tests=sum(draw.tests for draw in draws), cpu_seconds=round(sum(draw.cpu_seconds for draw in draws), 3)
         ),
     )
-
-
-def _read(place: Path) -> Draw:
-    """Read a draw that was kept.
-
-    Raises:
-        FileFormatError: It is damaged.
-    """
-    return read(Draw, read_json_file(place), f"{place} is damaged", "remove it, or choose another place.")
