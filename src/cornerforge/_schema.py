@@ -72,7 +72,7 @@ def read(kind: type[T], content: Any, place: str, advice: str = "") -> T:
     """
     try:
         return msgspec.convert(content, kind)
-    except msgspec.ValidationError as error:
+    except (msgspec.ValidationError, RecursionError) as error:
         fault = _fault(kind, content, str(error))
     raise FileFormatError(f"{place}: {fault}{f'; {advice}' if advice else '.'}")
 
@@ -88,20 +88,23 @@ def check_fields(part: object, prefix: str, *, but: Sequence[str] = ()) -> None:
     Raises:
         InputError: A number is no number, not finite, or out of range.
     """
-    made: Any = type(part)
-    for name, kind in _declared(made).items():
-        for said in getattr(kind, "__metadata__", ()):
-            if said.le is not None and name not in but:
-                value, range_ = getattr(part, name), {"low": said.ge, "high": said.le}
-                if kind.__origin__ is int:
-                    check_integer(prefix + name, value, **range_)
-                else:
-                    check_number(prefix + name, value, **range_, unit=unit_of(said))
+    kind: Any = type(part)
+    for name, whole, low, high, unit in _ranges(kind):
+        if name not in but and whole:
+            check_integer(prefix + name, getattr(part, name), low=low, high=high)
+        elif name not in but:
+            check_number(prefix + name, getattr(part, name), low=low, high=high, unit=unit)
 
 
 @functools.cache
-def _declared(kind: type) -> dict[str, Any]:
-    return get_type_hints(kind, include_extras=True)
+def _ranges(kind: Any) -> list[tuple[str, bool, Any, Any, str]]:
+    """List the fields that declare a range: name, whether it is a whole number, lowest, highest, unit."""
+    return [
+        (name, declared.__origin__ is int, said.ge, said.le, unit_of(said))
+        for name, declared in get_type_hints(kind, include_extras=True).items()
+        for said in getattr(declared, "__metadata__", ())
+        if said.le is not None
+    ]
 
 
 def _fault(kind: Any, content: Any, error: str) -> str:
@@ -113,9 +116,8 @@ def _fault(kind: Any, content: Any, error: str) -> str:
     if said.startswith("Invalid enum value"):
         name = re.findall(r"\w+", place)[-1]
         found = re.search(f'"{name}": {{.*?"enum": (\\[.*?\\])', json.dumps(msgspec.json.schema(kind)))
-        names = (
-            f"one of {', '.join(map(str, json.loads(found[1])))}" if found and not key else "a name that is known there"
-        )
+        allowed = ", ".join(map(str, json.loads(found[1]))) if found and not key else ""
+        names = f"one of {allowed}" if allowed else "a name that is known there"
         return f"{here} {'holds' if key else 'is'} {said.removeprefix('Invalid enum value ')}; it must be {names}"
     if not said.startswith("Expected "):  # of a class that checks more than the types of its fields
         return f"{here}: {said.rstrip('.')}" if place else said.rstrip(".")
