@@ -40,7 +40,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    # AVs that tests name are not kept as if this user had named them (`experiment.named_avs`).
+    # AVs that tests name are not kept as if this user had named them (`foreign.named_avs`).
     state = tempfile.mkdtemp(prefix="cornerforge-tests-")
     config.add_cleanup(lambda: shutil.rmtree(state, ignore_errors=True))
     os.environ["XDG_STATE_HOME"] = state

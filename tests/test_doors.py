@@ -262,8 +262,7 @@ def test_an_av_in_a_process_of_its_own(bvs: str, tmp_path: Path, monkeypatch: py
             recorder.record(SEED, test)
             write_outcome(recorder._world, recorded, test, run.setting.road)
     finally:
-        assert run.foreign is not None
-        run.foreign.close()
+        run.rest()
     expected = bulk_by_motion(BVS[bvs]("rl"))
     assert digest(out) == digest(expected)
     assert digest(recorded) == digest(Outcomes._make(column[:4] for column in expected))

@@ -176,9 +176,3 @@ class WorldOptions(_Av, RoadOptions, _Budget, AvAskedOptions):
     def av_keywords(self) -> dict[str, Any]:
         """Give the options as keywords of verbs without an adversary: all but `bounded` and `budget`."""
         return {one.name: getattr(self, one.name) for one in fields(AvOptions)}
-
-    def with_av(self, av: str, *, is_foreign: bool) -> WorldOptions:
-        """Copy the world with another AV; Python and memory are for one from outside only."""
-        if is_foreign:
-            return replace(self.world(), av=av)
-        return replace(self.world(), av=av, av_python=None, av_memory=None)

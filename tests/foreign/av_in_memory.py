@@ -253,5 +253,4 @@ def patched() -> Iterator[None]:
         patch.setattr(os, "abort", _aborts)
         patch.setattr(os, "kill", _kills)
         patch.setattr("cornerforge.foreign.driver.AvProcess", made)
-        patch.setattr("cornerforge.verbs.check_av.AvProcess", made)
         yield

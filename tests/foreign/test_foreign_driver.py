@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from foreign.opened_av import opened
 
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.experiment.setting import Experiment, experiment
-from cornerforge.foreign.driver import ForeignAv, seeds_of
+from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.recorder import ForeignRecorder
+from cornerforge.foreign.session import seeds_of
 from cornerforge.sim.keep import Outcomes
 from cornerforge.sim.recorder import scenario_digest
 from cornerforge.sim.runner import simulate
@@ -31,7 +33,7 @@ def hostile(**changes: Any) -> Experiment:
 
 def outcomes(name: str, tests: int = TESTS, *, counting: bool = False, **arguments: Any) -> tuple[Outcomes, ForeignAv]:
     run = hostile()
-    av = ForeignAv(f"avs:{name}", run.odd, **({"batch": 64} | arguments))
+    av = opened(f"avs:{name}", run.odd, **({"batch": 64} | arguments))
     out, _ = av(run.setting, run.slots, SEED, 0, tests, counting)
     return out, av
 
@@ -55,7 +57,7 @@ def test_results_do_not_depend_on_batch_or_threads(avs: Path) -> None:  # noqa: 
     run = hostile()
     digests = set()
     for batch, threads in ((1, 1), (37, 2), (256, 1)):
-        av = ForeignAv("avs:Good", run.odd, batch=batch)
+        av = opened("avs:Good", run.odd, batch=batch)
         tests = 60 if batch == 1 else TESTS
         if batch == 1:
             assert_same_but(outcomes("Good", tests)[0], av(run.setting, run.slots, SEED, 0, tests, False)[0], [])
@@ -109,11 +111,11 @@ def test_a_hang_costs_its_own_test(avs: Path) -> None:  # noqa: ARG001
 @pytest.mark.parametrize("name", ["Raises", "Nan"])
 def test_histograms_leave_spoiled_tests_out(avs: Path, name: str) -> None:  # noqa: ARG001
     run = hostile()
-    av = ForeignAv(f"avs:{name}", run.odd, batch=64)
+    av = opened(f"avs:{name}", run.odd, batch=64)
     out, counts = av(run.setting, run.slots, SEED, 0, 120, True)
     spoiled = np.flatnonzero(out.code == AV_FAULT).tolist()
     assert spoiled
-    good = ForeignAv("avs:Good", run.odd, batch=64)
+    good = opened("avs:Good", run.odd, batch=64)
     expected = np.zeros_like(counts.histograms)
     for test in range(120):
         if test not in spoiled:
@@ -145,7 +147,7 @@ def test_an_av_that_never_works_ends_the_run(avs: Path, name: str, text: str) ->
 def test_a_recording_is_what_happened(avs: Path) -> None:  # noqa: ARG001
     run = hostile()
     for name in ("Good", "Random"):
-        av = ForeignAv(f"avs:{name}", run.odd, batch=64)
+        av = opened(f"avs:{name}", run.odd, batch=64)
         recorder = ForeignRecorder(av, run.setting, run.odd)
         out, _ = av(run.setting, run.slots, SEED, 0, 40, False)
         crashed = np.flatnonzero(out.code == AV_CRASH)
@@ -162,11 +164,11 @@ def test_a_deterministic_av_can_be_asked_again(avs: Path) -> None:  # noqa: ARG0
     run = hostile()
     digests = []
     for batch in (64, 16):
-        recorder = ForeignRecorder(ForeignAv("avs:Good", run.odd, batch=batch), run.setting, run.odd)
+        recorder = ForeignRecorder(opened("avs:Good", run.odd, batch=batch), run.setting, run.odd)
         digests.append(scenario_digest(recorder.record(SEED, 7)))
     assert digests[0] == digests[1]
-    assert ForeignAv("avs:Good", run.odd, batch=16).repeats(run.setting, run.slots, SEED, 7)
-    assert not ForeignAv("avs:Random", run.odd, batch=16).repeats(run.setting, run.slots, SEED, 7)
+    assert opened("avs:Good", run.odd, batch=16).repeats(run.setting, run.slots, SEED, 7)
+    assert not opened("avs:Random", run.odd, batch=16).repeats(run.setting, run.slots, SEED, 7)
 
 
 def test_a_script_of_a_spoiled_test_is_refused(avs: Path) -> None:  # noqa: ARG001
@@ -174,10 +176,10 @@ def test_a_script_of_a_spoiled_test_is_refused(avs: Path) -> None:  # noqa: ARG0
     test = next(t for t in struck(61) if good.decisions[t] > 2)
     run = hostile()
     with pytest.raises(AvFaultError, match=rf"raised ValueError\(on purpose\) .*in test {test}"):
-        ForeignAv("avs:Raises", run.odd).script(run.setting, run.slots, SEED, test)
+        opened("avs:Raises", run.odd).script(run.setting, run.slots, SEED, test)
 
 
 @pytest.mark.parametrize("arguments", [{"timeout": 0.0}, {"timeout": float("nan")}, {"batch": 0}])
 def test_limits_are_checked(arguments: dict[str, Any]) -> None:
     with pytest.raises(InputError):
-        ForeignAv("avs:Good", Odd(), **arguments)
+        opened("avs:Good", Odd(), **arguments)

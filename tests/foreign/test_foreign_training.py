@@ -13,6 +13,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from foreign.opened_av import opened
 
 import cornerforge
 import cornerforge.ext.gym
@@ -28,7 +29,8 @@ from cornerforge.cli import main
 from cornerforge.errors import AvFaultError, OutputError
 from cornerforge.experiment.policy_file import load_policy
 from cornerforge.experiment.setting import Experiment, experiment
-from cornerforge.foreign.driver import MAX_FAULTS, Fault, ForeignAv, seeds_of
+from cornerforge.foreign.driver import MAX_FAULTS, Fault, ForeignAv
+from cornerforge.foreign.session import seeds_of
 from cornerforge.results.rates import Yield
 from cornerforge.sim import N_OBSERVATION, OUTSIDE, TOLD
 from cornerforge.sim.scratch import allocate_scratch
@@ -93,14 +95,14 @@ def assert_same(result: TrainResult, expected: TrainResult) -> None:
 @pytest.mark.parametrize(("batch", "threads"), [pytest.param(256, 2, marks=pytest.mark.slow), (24, 2), (24, 1)])
 def test_the_weights_are_those_of_the_same_av_inside(reward: str, batch: int, threads: int) -> None:
     """`rl` decides every half second, so a world that was given the wrong seat would be out of step."""
-    av = ForeignAv("twins:Twin", ODD, batch=batch)
+    av = opened("twins:Twin", ODD, batch=batch)
     assert_same(outside(av, "rl", replace(TINY, reward=reward), threads=threads), inside(reward))
     assert av.faults == {}
 
 
 @pytest.mark.usefixtures("twins")
 def test_negative_control_another_av_gives_other_weights() -> None:
-    found = outside(ForeignAv("twins:Dice", ODD), "rl")
+    found = outside(opened("twins:Dice", ODD), "rl")
     assert found.weights.tobytes() != inside("crash").weights.tobytes()
 
 
@@ -108,9 +110,8 @@ def test_negative_control_another_av_gives_other_weights() -> None:
 @pytest.mark.parametrize(("bv", "tests"), [pytest.param("swerve", 300, marks=pytest.mark.processes), ("uniform", 1000)])
 def test_the_yield_is_that_of_the_same_av_inside(bv: str, tests: int) -> None:
     """Strikes and avoidable crashes are judged by the AV's stored answers."""
-    built_in = experiment(av="rl", bv=bv)
-    av = ForeignAv("twins:Twin", ODD)
-    foreign = replace(built_in, setting=built_in.setting.with_drivers(av=OUTSIDE), foreign=av)
+    built_in, foreign = (experiment(av=av, bv=bv, takes_foreign=True) for av in ("rl", "twins:Twin"))
+    foreign = replace(foreign, setting=built_in.setting.with_drivers(av=OUTSIDE))
     expected, found = (evaluate(run, tests=tests, seed=4, reward="own-fault", threads=2) for run in (built_in, foreign))
     assert isinstance(found, Yield)
     assert found == expected
@@ -121,8 +122,7 @@ def test_the_yield_is_that_of_the_same_av_inside(bv: str, tests: int) -> None:
 def test_a_yield_counts_the_tests_that_the_av_did_not_spoil(avs: Path) -> None:  # noqa: ARG001
     run = experiment(av="avs:Nan", bv="swerve", takes_foreign=True)
     found = evaluate(run, tests=200, seed=4)
-    assert run.foreign is not None
-    assert found.tests == 200 - len(run.foreign.faults) < 200
+    assert found.tests == 200 - len(run.faults) < 200
     assert found.avoidable_per_test * found.tests == pytest.approx(round(found.avoidable_per_test * found.tests))
 
 
@@ -139,7 +139,7 @@ def stopped(tmp_path: Path, twins: None) -> CheckpointFile:  # noqa: ARG001
 
     checkpoint = CheckpointFile(tmp_path / "p.checkpoint", {"av": "twin"})
     with pytest.raises(KeyboardInterrupt):
-        outside(ForeignAv("twins:Twin", ODD), "rl", LONG, checkpoint=checkpoint, progress=stop)
+        outside(opened("twins:Twin", ODD), "rl", LONG, checkpoint=checkpoint, progress=stop)
     return checkpoint
 
 
@@ -151,7 +151,7 @@ def unbroken() -> TrainResult:
 
 def test_a_stopped_training_goes_on_to_the_same_weights(stopped: CheckpointFile) -> None:
     """In a batch of another size, too: seats are no part of the state."""
-    assert_same(outside(ForeignAv("twins:Twin", ODD, batch=24), "rl", LONG, checkpoint=stopped), unbroken())
+    assert_same(outside(opened("twins:Twin", ODD, batch=24), "rl", LONG, checkpoint=stopped), unbroken())
 
 
 def test_negative_control_the_av_must_be_shown_again_what_it_saw(
@@ -159,7 +159,7 @@ def test_negative_control_the_av_must_be_shown_again_what_it_saw(
 ) -> None:
     """Without it the twin does not know when it decided last."""
     monkeypatch.setattr(Group, "_show_again", lambda *_: None)
-    found = outside(ForeignAv("twins:Twin", ODD), "rl", LONG, checkpoint=stopped)
+    found = outside(opened("twins:Twin", ODD), "rl", LONG, checkpoint=stopped)
     assert found.weights.tobytes() != unbroken().weights.tobytes()
 
 
@@ -169,10 +169,10 @@ def test_faults_before_a_stop_are_not_forgotten(avs: Path, tmp_path: Path) -> No
         if point.decisions == 3200:
             raise KeyboardInterrupt
 
-    whole = ForeignAv("avs:Raises", ODD)
+    whole = opened("avs:Raises", ODD)
     expected = outside(whole, "idm-mobil", LONG)
     checkpoint = CheckpointFile(tmp_path / "p.checkpoint", {})
-    first, second = ForeignAv("avs:Raises", ODD), ForeignAv("avs:Raises", ODD)
+    first, second = opened("avs:Raises", ODD), opened("avs:Raises", ODD)
     with pytest.raises(KeyboardInterrupt):
         outside(first, "idm-mobil", LONG, checkpoint=checkpoint, progress=stop)
     assert 0 < len(first.faults) < len(whole.faults)
@@ -183,7 +183,7 @@ def test_faults_before_a_stop_are_not_forgotten(avs: Path, tmp_path: Path) -> No
 def test_what_is_shown_again_ends_where_the_worlds_are(avs: Path) -> None:  # noqa: ARG001
     """Amid their tests, each after another number of seconds, the worlds driven again are the worlds."""
     run = world("idm-mobil")
-    av = ForeignAv("avs:Counts", ODD, batch=16)
+    av = opened("avs:Counts", ODD, batch=16)
     setting = run.setting.with_drivers(av=OUTSIDE, critical=TOLD)
     actors = allocate_actors(16, setting, run.slots, N_OBSERVATION)
     start_worlds(3, 0, setting, allocate_scratch(run.slots, setting.who.policy), actors)
@@ -219,29 +219,29 @@ def expected_faults(av: ForeignAv, one_in: int, seed: int = 0) -> bool:
     [("Raises", 61, "raised"), pytest.param("Exits", 97, "ended", marks=pytest.mark.slow), ("Nan", 40, "answer")],
 )
 def test_a_fault_costs_its_own_test_in_any_batch(avs: Path, name: str, one_in: int, what: str) -> None:  # noqa: ARG001
-    many, few = (ForeignAv(f"avs:{name}", ODD, batch=batch) for batch in (256, 24))
+    many, few = (opened(f"avs:{name}", ODD, batch=batch) for batch in (256, 24))
     results = [outside(av, "idm-mobil") for av in (many, few)]
     assert_same(*results)
     assert many.faults == few.faults
     assert 1 <= len(many.faults) < MAX_FAULTS
     assert expected_faults(many, one_in)
     assert {fault.what for fault in many.faults.values()} == {what}
-    good = outside(ForeignAv("avs:Good", ODD), "idm-mobil")
+    good = outside(opened("avs:Good", ODD), "idm-mobil")
     assert good.weights.tobytes() != results[0].weights.tobytes(), "the faults were not met"
 
 
 def test_a_hang_costs_its_own_test(avs: Path) -> None:  # noqa: ARG001
     first = TRAINING_TESTS + np.arange(16)
     seed = next(seed for seed in range(1000) if (seeds_of(seed, first) % 97 == 0).sum() == 1)
-    av = ForeignAv("avs:Hangs", ODD, timeout=0.5)
+    av = opened("avs:Hangs", ODD, timeout=0.5)
     outside(av, "idm-mobil", FEW, seed=seed)
     assert [fault.what for fault in av.faults.values()] == ["hung"]
     assert expected_faults(av, 97, seed)
 
 
 def test_an_av_that_fails_once_costs_no_test(avs: Path) -> None:  # noqa: ARG001
-    flaky = ForeignAv("avs:Flaky", ODD)
-    assert_same(outside(flaky, "idm-mobil"), outside(ForeignAv("avs:Good", ODD), "idm-mobil"))
+    flaky = opened("avs:Flaky", ODD)
+    assert_same(outside(flaky, "idm-mobil"), outside(opened("avs:Good", ODD), "idm-mobil"))
     assert Path("once").exists()
     assert flaky.faults == {}
 
@@ -257,11 +257,11 @@ class Crowded(Base):
     with (avs / "avs.py").open("a", encoding="utf-8") as file:
         file.write(source)
     with pytest.raises(AvFaultError, match=r"raised ValueError\(too many\).*for 16 worlds together and for none alone"):
-        outside(ForeignAv("avs:Crowded", ODD), "idm-mobil", FEW)
+        outside(opened("avs:Crowded", ODD), "idm-mobil", FEW)
 
 
 def test_too_many_faults_end_the_training(avs: Path) -> None:  # noqa: ARG001
-    av = ForeignAv("avs:AlwaysRaises", ODD)
+    av = opened("avs:AlwaysRaises", ODD)
     with pytest.raises(AvFaultError, match=r"AlwaysRaises spoiled 2\d tests .* it raised ValueError\(always\)"):
         outside(av, "idm-mobil")
     assert all(isinstance(fault, Fault) for fault in av.faults.values())
@@ -292,7 +292,7 @@ def test_train_takes_it_and_says_what_it_spoiled(rarely: str, capsys: pytest.Cap
     kept = cornerforge.train(out="p.safetensors", resume=True, **said)
     assert (kept.kept, kept.policy_hash) == (True, trained.policy_hash)
     assert {b.name for b in trained.baselines} >= {"nobody", "swerve", "swerve, bounded"}
-    assert load_policy(Path("p.safetensors")).about["av_hash"] == ForeignAv(rarely, ODD).hash
+    assert load_policy(Path("p.safetensors")).about["av_hash"] == opened(rarely, ODD).hash
     arguments = [f"--{name}={value}" for name, value in said.items()]
     assert main(["train", "--out", "again.safetensors", *arguments]) == 0
     assert f"{trained.av_faults} training tests abandoned, because the AV raised" in capsys.readouterr().out

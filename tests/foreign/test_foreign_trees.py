@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from foreign.opened_av import opened
 from hand_built import setting_of
 
 from cornerforge.errors import AvFaultError, InputError
@@ -60,7 +61,7 @@ def test_they_are_the_trees_of_the_same_av_inside(reckless: NddModel) -> None:
     expected = trees(inside, None, 10, how)
     assert expected.trees["crashes"].sum() > 5
     for batch in (256, 5):
-        found = trees(run, ForeignAv("twins:Twin", ODD, batch=batch), 10, how)
+        found = trees(run, opened("twins:Twin", ODD, batch=batch), 10, how)
         assert same(found, expected)
         assert found.strayed == 0
         assert found.asked > 6 * expected.trees["seconds"].sum()
@@ -76,7 +77,7 @@ def test_tests_drawn_from_proposals_are_those_of_the_same_av_inside(reckless: Nd
     assert expected.trees["crashes"].sum() > 5
     assert expected.trees["ended"].std() > 0.1
     for batch, again in ((256, False), (5, True)):
-        found = trees(run, ForeignAv("twins:Twin", ODD, batch=batch), 300, how)
+        found = trees(run, opened("twins:Twin", ODD, batch=batch), 300, how)
         assert same(found, expected)
         assert found.strayed == 0
         assert (found.asked > expected.trees["seconds"].sum() * 10) == again
@@ -105,10 +106,10 @@ def test_trees_of_an_av_that_steers_do_not_depend_on_the_batch(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "weaves.py").write_text(STEERS, encoding="utf-8")
     inside, how = setting_of(reckless, ODD, av=av_of("idm-mobil")), plan(0, 1e-2)
-    av = ForeignAv("weaves:Weaves", ODD)
+    av = opened("weaves:Weaves", ODD)
     run = av.steering(inside)
     assert run.who.av == STEERED
-    many, few = trees(run, av, 8, how), trees(run, ForeignAv("weaves:Weaves", ODD, batch=3), 8, how)
+    many, few = trees(run, av, 8, how), trees(run, opened("weaves:Weaves", ODD, batch=3), 8, how)
     assert same(many, few)
     assert (many.strayed, few.strayed) == (0, 0)
     assert len(many.crashes) > 3
@@ -124,18 +125,18 @@ def test_trees_of_an_av_that_steers_do_not_depend_on_the_batch(
 @pytest.mark.usefixtures("avs")
 def test_an_av_without_memory_is_shown_nothing_again(reckless: NddModel) -> None:
     run, how = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE), plan(0, 1e-2)
-    with_memory, without = (trees(run, ForeignAv(f"avs:{name}", ODD), 20, how) for name in ("Good", "Forgetful"))
+    with_memory, without = (trees(run, opened(f"avs:{name}", ODD), 20, how) for name in ("Good", "Forgetful"))
     assert same(with_memory, without)
     assert 6 * without.trees["seconds"].sum() < without.asked <= 10 * without.trees["seconds"].sum()
     assert with_memory.asked > 1.5 * without.asked
     assert (with_memory.strayed, without.strayed) == (0, 0)
-    assert same(trees(run, ForeignAv("avs:Good", ODD), 20, how, threads=2), with_memory)
+    assert same(trees(run, opened("avs:Good", ODD), 20, how, threads=2), with_memory)
 
 
 @pytest.mark.usefixtures("avs")
 def test_an_av_that_counts_its_calls_in_idle_rows_too_is_not_out_of_step(reckless: NddModel) -> None:
     run, how = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE), plan(0, 1e-2)
-    many, few = (trees(run, ForeignAv("avs:Counts", ODD, batch=batch), 6, how) for batch in (64, 6))
+    many, few = (trees(run, opened("avs:Counts", ODD, batch=batch), 6, how) for batch in (64, 6))
     assert same(many, few)
     assert (many.strayed, few.strayed) == (0, 0)
 
@@ -143,7 +144,7 @@ def test_an_av_that_counts_its_calls_in_idle_rows_too_is_not_out_of_step(reckles
 @pytest.mark.usefixtures("avs")
 def test_their_mean_is_the_rate_that_counting_gives(reckless: NddModel) -> None:
     run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE)
-    av = ForeignAv("avs:Forgetful", ODD)
+    av = opened("avs:Forgetful", ODD)
     weights = trees(run, av, 1_500, plan(0, 3e-2), threads=2).trees["weight"]
     counted = simulate(run, SLOTS, seed=9, tests=5_000, threads=2, drive=av)
     rate = counted.av_crashes / counted.tests
@@ -155,7 +156,7 @@ def test_their_mean_is_the_rate_that_counting_gives(reckless: NddModel) -> None:
 @pytest.mark.usefixtures("avs")
 def test_a_branch_is_recorded_with_the_answers_that_led_to_its_crash(reckless: NddModel) -> None:
     run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE)
-    av = ForeignAv("avs:Good", ODD)
+    av = opened("avs:Good", ODD)
     driven = trees(run, av, 20, plan(0, 1e-2))
     recorder, scripts = ForeignRecorder(av, run, ODD), ScriptDriver(run, ODD, av)
     assert len(driven.crashes) > 5
@@ -175,7 +176,7 @@ def test_a_branch_is_recorded_with_the_answers_that_led_to_its_crash(reckless: N
 @pytest.mark.usefixtures("twins")
 def test_an_av_that_does_not_repeat_itself_is_noticed(reckless: NddModel) -> None:
     run = setting_of(reckless, ODD, av=av_of("rl")).with_drivers(av=OUTSIDE)
-    assert trees(run, ForeignAv("twins:Dice", ODD), 4, plan(0, 1e-2)).strayed > 100
+    assert trees(run, opened("twins:Dice", ODD), 4, plan(0, 1e-2)).strayed > 100
 
 
 @pytest.mark.processes
@@ -184,7 +185,7 @@ def test_an_av_that_does_not_repeat_itself_is_noticed(reckless: NddModel) -> Non
 def test_a_failure_is_told_in_one_sentence(reckless: NddModel, name: str, what: str) -> None:
     run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE)
     with pytest.raises(AvFaultError, match=f"failed while trees of tests were driven.*{what}.*--method mc"):
-        trees(run, ForeignAv(f"avs:{name}", ODD), 200, plan(0, 1e-2))
+        trees(run, opened(f"avs:{name}", ODD), 200, plan(0, 1e-2))
 
 
 def test_an_av_outside_needs_a_driver(reckless: NddModel) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from foreign.opened_av import opened
 
 import cornerforge
 from cornerforge.errors import InputError
@@ -139,7 +140,7 @@ def test_training_worlds_are_shared_by_all_processes(
     worlds: int,
     size: int,
 ) -> None:
-    av = ForeignAv("avs:Good", Odd(), batch=batch, processes=processes)
+    av = opened("avs:Good", Odd(), batch=batch, processes=processes)
     assert av.group_size(512, 2) == -(-512 // max(processes or 1, -(-512 // (batch or 256))))  # it is fast
     av.pace.note(512, 9.0)
     av.pace.note(16, 9.0)
@@ -156,7 +157,7 @@ def outcomes(run_av: ForeignAv, tests: int) -> Outcomes:
 
 @pytest.mark.full
 def test_a_measured_batch_gives_the_results_of_any_other(avs: Path) -> None:  # noqa: ARG001
-    measured, one = ForeignAv("avs:Good", Odd()), ForeignAv("avs:Good", Odd(), batch=1)
+    measured, one = opened("avs:Good", Odd()), opened("avs:Good", Odd(), batch=1)
     assert measured.batch > 1
     assert measured.pace.usual(measured.batch) > 0.0
     for ours, theirs in zip(outcomes(measured, 20), outcomes(one, 20), strict=True):
@@ -164,7 +165,7 @@ def test_a_measured_batch_gives_the_results_of_any_other(avs: Path) -> None:  # 
 
 
 def test_worlds_that_are_made_fewer_give_the_same_results(avs: Path) -> None:  # noqa: ARG001
-    av = ForeignAv("avs:Counts", Odd(), batch=64)
+    av = opened("avs:Counts", Odd(), batch=64)
     expected = outcomes(av, 9)
     av.pace.note(64, 1000.0)  # from now on it is taken to be slow
     with av.lend_session(9) as session:
@@ -192,7 +193,7 @@ class Av:
 @pytest.mark.full
 def test_what_is_too_slow_for_many_worlds_is_said_and_costs_no_test(avs: Path) -> None:
     (avs / "tired.py").write_text(TIRED, encoding="utf-8")
-    av = ForeignAv("tired:Av", Odd(), batch=4, timeout=1.0)
+    av = opened("tired:Av", Odd(), batch=4, timeout=1.0)
     said: list[str] = []
     with announced(said.append):
         out = outcomes(av, 3)
@@ -207,7 +208,7 @@ def test_what_is_too_slow_for_many_worlds_is_said_and_costs_no_test(avs: Path) -
 @pytest.mark.parametrize("arguments", [{"batch": 0}, {"batch": 65_537}, {"processes": 0}, {"processes": 1025}])
 def test_numbers_are_checked(arguments: dict[str, Any]) -> None:
     with pytest.raises(InputError, match="av_"):
-        ForeignAv("avs:Good", Odd(), **arguments)
+        opened("avs:Good", Odd(), **arguments)
 
 
 # --- nothing is left behind ---

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from foreign.opened_av import opened
 
 import cornerforge
 from cornerforge.errors import InputError
 from cornerforge.experiment.setting import experiment
-from cornerforge.foreign.driver import ForeignAv
 from cornerforge.sim import STEERED, simulate
 from cornerforge.types import Odd
 
@@ -208,7 +208,7 @@ def test_results_do_not_depend_on_batches_or_threads() -> None:
     run = experiment(av="planners:Weaves", takes_foreign=True)
     digests = set()
     for batch, threads in ((1, 1), (7, 2), (64, 1)):
-        av = ForeignAv("planners:Weaves", Odd(), batch=batch)
+        av = opened("planners:Weaves", Odd(), batch=batch)
         tally = simulate(run.setting, run.slots, seed=5, tests=40, threads=threads, drive=av)
         digests.add(tally.digest.hexdigest())
         av.close()
@@ -239,12 +239,10 @@ def test_what_it_sees_is_whole_and_goes_on_from_scene_to_scene() -> None:
 def test_a_bad_answer_costs_its_test_only(name: str, text: str) -> None:
     good = experiment(av="planners:Evades", takes_foreign=True)
     bad = experiment(av=f"planners:{name}", takes_foreign=True)
-    assert good.foreign is not None
-    assert bad.foreign is not None
     fine, spoiled = (
         simulate(run.setting, run.slots, seed=0, tests=30, threads=1, drive=run.drive) for run in (good, bad)
     )
-    faults = bad.foreign.faults
+    faults = bad.faults
     assert 0 < spoiled.av_faults == len(faults) < 15
     assert spoiled.av_crashes <= fine.av_crashes
     for fault in faults.values():
@@ -258,10 +256,9 @@ def test_a_bad_answer_costs_its_test_only(name: str, text: str) -> None:
 @pytest.mark.usefixtures("planners")
 def test_front_wheels_turn_no_farther_than_wheels_can() -> None:
     run = experiment(av="planners:Steep", takes_foreign=True)
-    assert run.foreign is not None
     tally = simulate(run.setting, run.slots, seed=0, tests=12, threads=1, drive=run.drive)
     assert 0 < tally.av_faults < 12
-    assert {fault.message for fault in run.foreign.faults.values()} == {
+    assert {fault.message for fault in run.faults.values()} == {
         "answered with NaN, infinity, or front wheels turned by 1.4 rad or more"
     }
 
@@ -298,7 +295,7 @@ def test_an_adversary_learns_against_it_and_check_av_knows_it(tmp_path: Path) ->
 @pytest.mark.parametrize("name", ["View", "Lane", "Lanes", "Evades"])
 def test_its_pace_is_noted_for_as_many_worlds_as_drive(name: str) -> None:
     """Limits count worlds; an AV whose worlds were counted wrongly would run into them."""
-    av = ForeignAv(f"planners:{name}", Odd(), batch=6)
+    av = opened(f"planners:{name}", Odd(), batch=6)
     assert av.pace.usual(1) == av.pace.usual(6) > 0.0
     assert av.pace.usual(12) == pytest.approx(av.pace.usual(6) * 12 / 8)
     av.close()

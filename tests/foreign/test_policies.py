@@ -116,8 +116,8 @@ def test_its_state_is_kept_for_each_test() -> None:
     wanted = cornerforge.simulate(av="policies:Counts", tests=20).digest
     assert cornerforge.simulate(av="policies:Recurrent", tests=20, threads=2).digest == wanted
     run = experiment(av="policies:Recurrent", takes_foreign=True)
-    assert run.foreign is not None
-    with run.foreign.lend_session() as session:
+    assert run.asked is not None
+    with run.asked.lend_session() as session:
         assert session.remembers
 
 
@@ -134,12 +134,12 @@ def test_its_state_is_kept_for_each_test() -> None:
 )
 def test_a_bad_action_costs_its_test_only(name: str, text: str) -> None:
     run = experiment(av=f"policies:{name}", takes_foreign=True)
-    assert run.foreign is not None
     tally = simulate(run.setting, run.slots, seed=0, tests=12, threads=1, drive=run.drive)
     assert 0 < tally.av_faults < 12
-    for fault in run.foreign.faults.values():
+    assert run.asked is not None
+    for fault in run.asked.faults.values():
         assert re.search(text, fault.message), fault.message
-    assert ("on purpose" in run.foreign.log.trace(fault.message)) == (name == "Raises")
+    assert ("on purpose" in run.asked.log.trace(fault.message)) == (name == "Raises")
 
 
 @pytest.mark.processes

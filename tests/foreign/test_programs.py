@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from foreign.opened_av import opened
 
 import cornerforge
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.experiment.setting import experiment
-from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.process import AvProcess
 from cornerforge.foreign.session import context_of
 from cornerforge.sim import simulate
@@ -196,7 +196,7 @@ def test_results_do_not_depend_on_batches_or_threads(planner: str) -> None:
     run = experiment(av=planner, takes_foreign=True)
     digests = set()
     for batch, threads in ((1, 1), (7, 2), (64, 1)):
-        av = ForeignAv(planner, Odd(), batch=batch)
+        av = opened(planner, Odd(), batch=batch)
         digests.add(simulate(run.setting, run.slots, seed=5, tests=30, threads=threads, drive=av).digest.hexdigest())
         av.close()
     assert len(digests) == 1
@@ -235,9 +235,8 @@ def test_results_do_not_depend_on_batches_or_threads(planner: str) -> None:
 def test_a_mistake_costs_its_tests_only(program: str, mode: str, what: str, text: str) -> None:
     good = experiment(av="twins:Twin", takes_foreign=True)
     bad = experiment(av=f"{program} '{mode}'", takes_foreign=True)
-    assert bad.foreign is not None
     spoiled = simulate(bad.setting, bad.slots, seed=0, tests=12, threads=1, drive=bad.drive)
-    faults = bad.foreign.faults
+    faults = bad.faults
     assert 0 < spoiled.av_faults == len(faults) < 8
     for fault in faults.values():
         assert fault.what == what
@@ -250,10 +249,9 @@ def test_a_mistake_costs_its_tests_only(program: str, mode: str, what: str, text
 
 def test_a_program_that_hangs_is_stopped(program: str) -> None:
     run = experiment(av=f"{program} hangs", takes_foreign=True, av_timeout=1.0)
-    assert run.foreign is not None
     tally = simulate(run.setting, run.slots, seed=0, tests=2, threads=1, drive=run.drive)
-    assert tally.av_faults == len(run.foreign.faults)
-    for fault in run.foreign.faults.values():
+    assert tally.av_faults == len(run.faults)
+    for fault in run.faults.values():
         assert (fault.what, fault.message) == ("hung", "gave no answer within 1 s")
 
 
@@ -378,7 +376,7 @@ def test_its_hash_is_that_of_program_arguments_and_script(program: str, tmp_path
 
 
 def test_an_av_that_becomes_another_one_ends_the_run(program: str, tmp_path: Path) -> None:
-    av = ForeignAv(program, Odd(), batch=4)
+    av = opened(program, Odd(), batch=4)
     with (tmp_path / "program.py").open("a", encoding="utf-8") as file:
         file.write("# another\n")
     with pytest.raises(

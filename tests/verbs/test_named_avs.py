@@ -12,7 +12,7 @@ from edited_files import write_object
 
 import cornerforge
 from cornerforge.errors import InputError
-from cornerforge.experiment import named_avs
+from cornerforge.foreign import named_avs
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def test_a_name_counts_in_its_folder_and_later_too(
 ) -> None:
     named_avs.remember("my_av:Av")
     named_avs.check_named("my_av:Av", received)
-    code = "from cornerforge.experiment.named_avs import check_named; check_named('my_av:Av', 'library')"
+    code = "from cornerforge.foreign.named_avs import check_named; check_named('my_av:Av', 'library')"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="not named in this folder"):

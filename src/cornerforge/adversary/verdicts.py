@@ -123,9 +123,7 @@ def judge_by_case(run: Experiment, seed: int, crashed: Sequence[int], reward: st
                 parts.append(judge(harvest.recordings()))
         return _joined(parts)
 
-    if run.foreign is not None:
-        return work(0, len(crashed))
-    return _joined(list(in_order(work, 0, len(crashed), chunk=_ROOM, threads=threads)))
+    return _joined(list(in_order(work, 0, len(crashed), chunk=_ROOM, threads=run.processes(threads))))
 
 
 def count_paid(run: Experiment, seed: int, crashed: Sequence[int], reward: str, threads: int) -> dict[str, int | None]:

@@ -15,10 +15,13 @@ from cornerforge.drivers.avs import AVS, AvModel, AvNetwork, av_named
 from cornerforge.drivers.policy import NetworkShape, n_weights
 from cornerforge.drivers.sight import Sight
 from cornerforge.errors import FileFormatError
+from cornerforge.foreign.spec import AvSpec
 from cornerforge.sim import AV_FEATURES_VERSION, LEARNED_WIDTH, N_AV_FEATURES
 
-__all__ = ["AV_FILE_SCHEMA", "AvHeader", "av_of", "load_av", "rl_av_path", "save_av"]
+__all__ = ["AV_FILE_SCHEMA", "RECORDED_AV", "AvHeader", "av_of", "load_av", "rl_av_path", "save_av"]
 
+RECORDED_AV = "recorded"
+"""Name of the AV of cases on rails in which whatever was in its seat moves as it was recorded."""
 AV_FILE_SCHEMA = 1
 _KEY = "cornerforge_av"
 _SIGHTS = {1: Sight("decision"), AV_FEATURES_VERSION: Sight()}
@@ -44,12 +47,16 @@ def rl_av_path() -> Path:
 def av_of(name: str) -> AvModel:
     """Return a built-in AV by its name, or a learned AV by its file (`.safetensors`), ready to drive.
 
+    For an AV from outside, and for RECORDED_AV, it is idm-mobil under their name: tests start with its desired gaps.
+
     Raises:
         UnknownNameError: There is no built-in AV of that name.
         FileFormatError: The file is missing, damaged, or no learned AV of this version.
     """
     if name.endswith(".safetensors"):
         return load_av(Path(name))
+    if AvSpec(name).is_outside or name == RECORDED_AV:
+        return replace(av_named("idm-mobil"), name=name)
     model = av_named(name)
     return replace(load_av(rl_av_path()), name=name, about=model.about) if model.kind == "learned" else model
 

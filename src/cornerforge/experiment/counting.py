@@ -6,10 +6,9 @@ import time
 from typing import Any, get_args
 
 from cornerforge._checks import check_integer
-from cornerforge.errors import AvFaultError
 from cornerforge.execution.progress import NO_PROGRESS, Progress, moving
 from cornerforge.experiment.setting import Experiment
-from cornerforge.foreign.driver import answers_per_test
+from cornerforge.foreign.session import answers_per_test
 from cornerforge.intervals import binomial_interval
 from cornerforge.results import Simulated, from_json
 from cornerforge.results.driving import Distributions, Quantity, TtcLimit
@@ -17,7 +16,7 @@ from cornerforge.results.rates import Rate
 from cornerforge.sim import Tally, simulate_chunks, statistics
 from cornerforge.types import METRES_PER_MILE
 
-__all__ = ["CHUNK", "check_not_all_spoiled", "distributions_of", "rate_summary", "simulate_experiment", "tally_summary"]
+__all__ = ["CHUNK", "distributions_of", "rate_summary", "simulate_experiment", "tally_summary"]
 
 
 CHUNK = 512
@@ -77,21 +76,6 @@ def tally_summary(tally: Tally, seconds: float, *, with_distributions: bool) -> 
     )
 
 
-def check_not_all_spoiled(run: Experiment, valid: int, tests: int) -> None:
-    """Check that at least one test is valid.
-
-    Raises:
-        AvFaultError: The foreign AV failed in all tests.
-    """
-    if valid == 0 and tests > 0 and run.foreign is not None and run.foreign.faults:
-        fault = next(iter(run.foreign.faults.values()))
-        error = AvFaultError(
-            f"The AV {run.av.name} spoiled every one of {tests} tests. In test {fault.test} it {fault.message}. "
-            f"Correct the AV; to look closer: {run.foreign.closer()}"
-        )
-        raise run.foreign.explained(error, fault.message)
-
-
 def simulate_experiment(
     run: Experiment,
     *,
@@ -123,5 +107,5 @@ def simulate_experiment(
         ):
             tally.add(out, counts)
             told(stage, tally.tests + tally.av_faults, tests)
-    check_not_all_spoiled(run, tally.tests, tests)
+    run.check_not_all_spoiled(tally.tests, tests)
     return tally, time.perf_counter() - start

@@ -5,25 +5,25 @@ from __future__ import annotations
 import hashlib
 import shlex
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cornerforge._checks import check_integer, check_number
-from cornerforge.drivers.avs import AvModel, av_hash, av_named, numbers_of_av
+from cornerforge._words import spoken as spoken_time
+from cornerforge.drivers.avs import AvModel, av_hash, numbers_of_av
 from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.drivers.policy import NO_POLICY
-from cornerforge.errors import InputError, UnknownNameError
+from cornerforge.errors import AvFaultError, InputError, UnknownNameError
 from cornerforge.execution import default_threads, is_spread
-from cornerforge.experiment.av_file import av_of
-from cornerforge.experiment.named_avs import remember
+from cornerforge.experiment.av_file import RECORDED_AV, av_of
 from cornerforge.experiment.output import config_hash
 from cornerforge.experiment.policy_file import Policy, check_budget, load_policy, policy_hash, policy_numbers
-from cornerforge.foreign.driver import ForeignAv
-from cornerforge.foreign.interpreter import Confines
-from cornerforge.foreign.loaders import is_foreign
-from cornerforge.foreign.recorder import ForeignRecorder
+from cornerforge.foreign.driver import Fault, ForeignAv
+from cornerforge.foreign.recorder import ForeignRecorder, ScriptedSeconds
+from cornerforge.foreign.session import answers_per_second, answers_per_test
+from cornerforge.foreign.spec import AvSpec, spec_of
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import (
@@ -32,6 +32,7 @@ from cornerforge.sim import (
     IDM_BVS,
     NATURALISTIC,
     NO_CAST,
+    OUTSIDE,
     RECORDED,
     STEERED,
     Controllers,
@@ -48,20 +49,24 @@ from cornerforge.sim import (
 from cornerforge.types import Odd, odd_named
 from cornerforge.world_options import WorldOptions
 
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from cornerforge.sim import Script
+    from cornerforge.types import Scenario
+
 __all__ = [
     "AV_LOG",
     "RECORDED_AV",
     "TEMPERATURE",
     "Experiment",
-    "check_av_options",
     "check_threads",
     "experiment",
     "road_of",
     "temperature_of",
 ]
 
-RECORDED_AV = "recorded"
-"""Name of the AV of cases on rails in which whatever was in its seat moves as it was recorded."""
 AV_LOG = "av.log"
 """File in an output folder that keeps what a foreign AV prints."""
 TEMPERATURE = 0.05
@@ -72,6 +77,9 @@ TEMPERATURE = 0.05
 class Experiment:
     """Everything constant in a run, under the user's names and in the form for kernels.
 
+    Its AV decides inside the kernels. With one from outside, `experiment` makes a subclass whose methods answer for
+    that AV, so that callers need not ask which it is.
+
     Attributes:
         odd, av, model: The world. For a foreign AV `av` is idm-mobil under the foreign AV's name: tests start with at
             least the desired gap of idm-mobil.
@@ -80,9 +88,9 @@ class Experiment:
         policies: The adversary's policies when `bv` is "policy"; each test is driven by one of them.
         budget: Likelihood budget of a test [nats]; None: no limit, or not the same for all policies.
         acting: How policies act: "greedy" or "softmax:T".
-        setting: The kernels' form of all this.
+        setting: The kernels' form of all this. A foreign AV is OUTSIDE in it also if it steers: only the AV itself
+            says so, when it is opened (`opened_setting`).
         slots: Vehicle slots per world.
-        foreign: The foreign AV; None for a built-in AV.
     """
 
     odd: Odd
@@ -95,69 +103,105 @@ class Experiment:
     acting: str
     setting: Setting
     slots: int
-    foreign: ForeignAv | None = None
+
+    @property
+    def asked(self) -> ForeignAv | None:
+        """The foreign AV; None if the AV decides inside the kernels."""
+        return None
+
+    @property
+    def faults(self) -> Mapping[tuple[int, int], Fault]:
+        """Tests that a foreign AV spoiled, by (seed, test)."""
+        return {}
 
     @property
     def av_hash(self) -> str:
         """Hash of the AV: of its parameters, or of a foreign AV's source or file."""
-        if self.av.name == RECORDED_AV:
-            return config_hash({"av": RECORDED_AV})
-        return av_hash(self.av) if self.foreign is None else self.foreign.hash
+        return config_hash({"av": RECORDED_AV}) if self.av.name == RECORDED_AV else av_hash(self.av)
 
     @property
     def av_steers(self) -> bool:
         """Does the AV steer or follow trajectories, instead of ordering lanes?"""
-        return self.setting.who.av == STEERED
+        return self.opened_setting.who.av == STEERED
+
+    @property
+    def opened_setting(self) -> Setting:
+        """The setting with what a foreign AV says of itself."""
+        return self.setting
 
     @property
     def drive(self) -> DriveChunk:
         """Return the function that drives a range of tests."""
-        return drive_chunk if self.foreign is None else self.foreign
+        return drive_chunk
 
     def processes(self, threads: int | None) -> int:
         """Return how many ranges of tests are driven at the same time: as many as threads, or processes of the AV."""
-        n = check_threads(threads)
-        return n if self.foreign is None else self.foreign.processes or n
+        return check_threads(threads)
 
-    def range_size(self, usual: int, tests: int, threads: int | None) -> int:
+    def range_size(self, usual: int, tests: int, threads: int | None) -> int:  # noqa: ARG002
         """Return how many tests are driven as one range: `usual`, or fewer of a slow AV, so that all processes work."""
-        if self.foreign is None:
-            return usual
-        return self.foreign.range_size(usual, self.setting, tests, self.processes(threads))
+        return usual
+
+    def seconds_of(self, threads: int | None, *, tests: float = 0.0, decisions: float = 0.0) -> float:  # noqa: ARG002
+        """Say how long a foreign AV takes for a job [s], about; 0 for a built-in one.
+
+        The job is tests, taken to be driven to their ends, and decisions of a training. More processes than cores are
+        taken to help no further.
+        """
+        return 0.0
+
+    def pace_text(self, threads: int | None) -> str:  # noqa: ARG002
+        """Say how fast a foreign AV is: its time for an answer, worlds together, processes."""
+        return f"{self.av.name} is built in"
+
+    def cost(self, cpu_seconds: float, seconds: float) -> tuple[float, str]:  # noqa: ARG002
+        """Say what work cost [s] and of what: a foreign AV needs time that is not this program's."""
+        return cpu_seconds, "of CPU time"
 
     def answered(self) -> Callable[[], int] | None:
         """Return what counts the answers of a slow AV from outside, for `moving`; None for all others."""
-        if self.foreign is None or self.foreign.pace.usual(self.foreign.batch) < 0.05:
-            return None
-        pace = self.foreign.pace
-        return lambda: pace.answers
+        return None
 
     def warm_up(self) -> None:
         """Load the compiled kernels, or compile them (once per installation), so that timings leave it out."""
-        if self.foreign is not None:
-            self.foreign.warm_up(self.setting, self.slots)
-        else:
-            warm_up(self.setting, self.slots)
+        warm_up(self.setting, self.slots)
 
     def rest(self) -> None:
         """End the processes of a foreign AV; when it drives again, new ones are started."""
-        if self.foreign is not None:
-            self.foreign.close()
 
     def keep_printed(self, file: Path) -> None:
         """Keep what a foreign AV prints, and its tracebacks, in a file, unless they have another one already."""
-        if self.foreign is not None:
-            self.foreign.log.keep_in(file)
+
+    def keep_scripts(self, *, anew: bool = False) -> None:
+        """Keep what a foreign AV answers in tests that crash from now on; `anew`: earlier tests are forgotten."""
+
+    def repeats(self, seed: int, test: int) -> bool:  # noqa: ARG002
+        """Does the AV drive a test in the same way twice more?"""
+        return True
+
+    def check_not_all_spoiled(self, valid: int, tests: int) -> None:
+        """Check that at least one of `tests` tests is valid.
+
+        Raises:
+            AvFaultError: The foreign AV failed in all of them.
+        """
 
     def recorder(self) -> Recorder:
         """Return the recorder of tests; it serves one thread."""
-        if self.foreign is not None:
-            return ForeignRecorder(self.foreign, self.setting, self.odd)
         return Recorder(self.setting, self.odd)
 
     def script_driver(self) -> ScriptDriver:
         """Return the driver of scripts, with the run's AV; it serves one thread."""
-        return ScriptDriver(self.setting, self.odd, self.foreign)
+        return ScriptDriver(self.setting, self.odd, self.asked)
+
+    def branch_recorder(self) -> Callable[[Script, NDArray[np.float64]], Scenario]:
+        """Return what records a branch of a tree by its script and a foreign AV's answers (A, W), in one thread."""
+        driver = self.script_driver()
+        return lambda script, answers: driver.record(script)[0]  # noqa: ARG005
+
+    def stepper(self) -> ScriptedSeconds | None:
+        """Return what drives a test of a foreign AV second by second, for `rates.attention`; None for all others."""
+        return None
 
     @property
     def policy(self) -> Policy | None:
@@ -193,6 +237,98 @@ class Experiment:
         }
 
 
+@dataclass(frozen=True)
+class _OutsideExperiment(Experiment):
+    """An experiment with an AV from outside, which takes its own time, prints, and may fail."""
+
+    outside: ForeignAv
+
+    @property
+    def asked(self) -> ForeignAv:
+        return self.outside
+
+    @property
+    def faults(self) -> Mapping[tuple[int, int], Fault]:
+        return self.outside.faults
+
+    @property
+    def av_hash(self) -> str:
+        return self.outside.hash
+
+    @property
+    def opened_setting(self) -> Setting:
+        return self.outside.steering(self.setting)
+
+    @property
+    def drive(self) -> DriveChunk:
+        return self.outside
+
+    def processes(self, threads: int | None) -> int:
+        n = super().processes(threads)
+        return self.outside.spec.processes or n
+
+    def range_size(self, usual: int, tests: int, threads: int | None) -> int:
+        av, answers = self.outside, answers_per_test(self.setting)
+        return av.pace.range_size(usual, av.batch, tests, self.processes(threads), answers)
+
+    def seconds_of(self, threads: int | None, *, tests: float = 0.0, decisions: float = 0.0) -> float:
+        av, processes = self.outside, min(self.processes(threads), default_threads())
+        each = av.pace.seconds_per_answer(av.batch)
+        seconds = tests * answers_per_test(self.setting) * each / max(1.0, min(processes, tests))
+        group = av.group_size(512, processes)
+        asked = decisions * answers_per_second(self.setting)
+        return seconds + asked * av.pace.seconds_per_answer(group) / max(1, min(processes, -(-512 // group)))
+
+    def pace_text(self, threads: int | None) -> str:
+        av, n = self.outside, self.processes(threads)
+        together = "one world at a time" if av.batch == 1 else f"{av.batch} worlds at a time"
+        return (
+            f"{av.name} takes about {spoken_time(av.answer_seconds)} for an answer (measured), {together}, "
+            f"in {n} {'process' if n == 1 else 'processes'}"
+        )
+
+    def cost(self, cpu_seconds: float, seconds: float) -> tuple[float, str]:  # noqa: ARG002
+        return seconds, "by the clock"
+
+    def answered(self) -> Callable[[], int] | None:
+        pace = self.outside.pace
+        return None if pace.usual(self.outside.batch) < 0.05 else lambda: pace.answers
+
+    def warm_up(self) -> None:
+        self.outside.warm_up(self.setting, self.slots)
+
+    def rest(self) -> None:
+        self.outside.close()
+
+    def keep_printed(self, file: Path) -> None:
+        self.outside.log.keep_in(file)
+
+    def keep_scripts(self, *, anew: bool = False) -> None:
+        self.outside.keep_scripts(anew=anew)
+
+    def repeats(self, seed: int, test: int) -> bool:
+        return self.outside.repeats(self.setting, self.slots, seed, test)
+
+    def check_not_all_spoiled(self, valid: int, tests: int) -> None:
+        if valid == 0 and tests > 0 and self.faults:
+            fault = next(iter(self.faults.values()))
+            error = AvFaultError(
+                f"The AV {self.av.name} spoiled every one of {tests} tests. In test {fault.test} it {fault.message}. "
+                f"Correct the AV; to look closer: {self.outside.closer()}"
+            )
+            raise self.outside.explained(error, fault.message)
+
+    def recorder(self) -> ForeignRecorder:
+        return ForeignRecorder(self.outside, self.setting, self.odd)
+
+    def branch_recorder(self) -> Callable[[Script, NDArray[np.float64]], Scenario]:
+        record = self.recorder().record_branch
+        return lambda script, answers: record(script.seed, script.test, script.action, answers)
+
+    def stepper(self) -> ScriptedSeconds:
+        return ScriptedSeconds(self.outside, self.slots)
+
+
 def check_threads(threads: int | None) -> int:
     """Return the number of threads to use; None means all cores.
 
@@ -200,24 +336,6 @@ def check_threads(threads: int | None) -> int:
         InputError: It is below 1.
     """
     return default_threads() if threads is None else check_integer("threads", threads, low=1, high=1024)
-
-
-def check_av_options(world: WorldOptions) -> None:
-    """Check how a foreign AV is asked: its time for an answer [s], worlds together, and processes.
-
-    Raises:
-        InputError: A number is out of range.
-    """
-    check_number("av_timeout", world.av_timeout, low=0.01, high=3600.0, unit="s")
-    if world.av_batch is not None:
-        check_integer("av_batch", world.av_batch, low=1, high=65_536)
-    if world.av_processes is not None:
-        check_integer("av_processes", world.av_processes, low=1, high=1024)
-
-
-def confines_of(world: WorldOptions) -> Confines:
-    """Say in what the processes of a foreign AV run."""
-    return Confines(world.av_python, world.av_memory)
 
 
 def _joint_hash(policies: Sequence[Policy]) -> str | None:
@@ -299,6 +417,30 @@ def road_of(world: WorldOptions) -> Odd:
     return odd if world.lanes is None else replace(odd, n_lanes=world.lanes)
 
 
+def _check_av(spec: AvSpec, *, takes_foreign: bool, takes_recorded: bool) -> None:
+    """Check that the AV may be used here, and as it is asked.
+
+    Raises:
+        InputError: It may not.
+    """
+    if spec.is_outside and not takes_foreign:
+        raise InputError(
+            f"The AV {spec.name} is not built in, and built-in ones only are taken here. To train an adversary against "
+            f"it: cornerforge train --av {shlex.quote(spec.name)} --out P.safetensors"
+        )
+    if spec.name == RECORDED_AV and not takes_recorded:
+        raise InputError(
+            f"{RECORDED_AV} is no AV that could drive on its own: it is what was in the AV's seat of a case."
+        )
+    for name in ("python", "memory"):
+        if getattr(spec.confines, name) is not None and not spec.is_outside:
+            raise InputError(f"av_{name} is for AVs that are not built in; {spec.name} is. Leave it out.")
+    if spec.is_outside and is_spread():
+        raise InputError(
+            f"The AV {spec.name} is not built in, so it drives on this machine alone; leave out --engine ray."
+        )
+
+
 def experiment(
     world: WorldOptions | None = None,
     *,
@@ -311,7 +453,7 @@ def experiment(
     road: Odd | None = None,
     **keywords: Any,
 ) -> Experiment:
-    """Build the experiment of a run.
+    """Build the experiment of a run; an AV from outside is not started before something is asked of it.
 
     Args:
         world: The world; None for the default one.
@@ -327,29 +469,13 @@ def experiment(
 
     Raises:
         UnknownNameError, InputError: A name or number is not known or out of range.
-        AvFaultError: The foreign AV fails at once.
         FileFormatError: A file is missing, damaged or of another version.
     """
     world = replace(world or WorldOptions(), **keywords)
-    av, model, bounded, budget = world.av, world.model, world.bounded, world.budget
-    check_av_options(world)
+    model, bounded, budget = world.model, world.bounded, world.budget
     road = road or road_of(world)
-    if is_foreign(av) and not takes_foreign:
-        raise InputError(
-            f"The AV {av} is not built in, and built-in ones only are taken here. To train an adversary against it: "
-            f"cornerforge train --av {shlex.quote(av)} --out P.safetensors"
-        )
-    if av == RECORDED_AV and not takes_recorded:
-        raise InputError(
-            f"{RECORDED_AV} is no AV that could drive on its own: it is what was in the AV's seat of a case."
-        )
-    for name in ("av_python", "av_memory"):
-        if getattr(world, name) not in (None, False) and not is_foreign(av):
-            raise InputError(f"{name} is for AVs that are not built in; {av} is. Leave it out.")
-    if is_foreign(av) and is_spread():
-        raise InputError(f"The AV {av} is not built in, so it drives on this machine alone; leave out --engine ray.")
-    stands_in = is_foreign(av) or av == RECORDED_AV
-    av_model = replace(av_named("idm-mobil"), name=av) if stands_in else av_of(av)
+    spec, av_model = spec_of(world), av_of(world.av)
+    _check_av(spec, takes_foreign=takes_foreign, takes_recorded=takes_recorded)
     ndd = model if isinstance(model, NddModel) else load_model(default_model_path() if model is None else Path(model))
     bounded = bounded or budget is not None
     budget = check_budget(budget, bounded=bounded)
@@ -382,24 +508,12 @@ def experiment(
     if temperature > 0.0 and not policies:
         raise InputError(f"acting = {acting!r} needs a policy; {driver} has its own way. Give a policy file.")
     numbers = [policy_numbers(p) for p in policies]
-    foreign = None
-    if is_foreign(av):
-        remember(av)
-        foreign = ForeignAv(
-            av,
-            road,
-            seed=seed,
-            timeout=world.av_timeout,
-            batch=world.av_batch,
-            processes=world.av_processes,
-            confines=confines_of(world),
-        )
     setting = Setting(
         road=road_numbers(road),
         av=numbers_of_av(av_model),
         tables=tables_of(ndd),
         who=Controllers(
-            av=RECORDED if av == RECORDED_AV else BUILT_IN if foreign is None else foreign.controller,
+            av=RECORDED if world.av == RECORDED_AV else OUTSIDE if spec.is_outside else BUILT_IN,
             critical=ADVERSARIES["nobody" if driver in ("nde", "idm") else driver],
             others=IDM_BVS if driver == "idm" else NATURALISTIC,
             bounded=int(bounded),
@@ -412,4 +526,5 @@ def experiment(
         ),
     )
     spoken = "greedy" if temperature == 0.0 else f"softmax:{temperature:g}"
-    return Experiment(road, av_model, ndd, driver, bounded, policies, budget, spoken, setting, n_slots(road), foreign)
+    run = Experiment(road, av_model, ndd, driver, bounded, policies, budget, spoken, setting, n_slots(road))
+    return _OutsideExperiment(**vars(run), outside=ForeignAv(spec, road, seed=seed)) if spec.is_outside else run

@@ -15,20 +15,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_integer, check_number
 from cornerforge.errors import AvFaultError
 from cornerforge.foreign.answers import controller_of
 from cornerforge.foreign.av_log import AvLog
-from cornerforge.foreign.edge_cases import ordinary_views
-from cornerforge.foreign.interpreter import USUAL, Confines, note_use
+from cornerforge.foreign.interpreter import AT_WORK
+from cornerforge.foreign.named_avs import remember
 from cornerforge.foreign.pace import MOST_WORLDS, Pace, announce, choose_batch
-from cornerforge.foreign.process import DEFAULT_TIMEOUT, FIRST_TIMEOUT, AvFailureError, AvProcess
-from cornerforge.foreign.session import AvSession, Steps, context_of
+from cornerforge.foreign.process import FIRST_TIMEOUT, AvFailureError, AvProcess
+from cornerforge.foreign.session import AvSession, Steps, answers_per_second, context_of, seeds_of, usable
+from cornerforge.foreign.spec import AvSpec
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import (
     AV_CRASH,
     AV_FAULT,
-    SUBSTEPS,
     Outcomes,
     Setting,
     allocate_outcomes,
@@ -44,22 +43,13 @@ from cornerforge.sim import (
 )
 from cornerforge.types import Odd
 
-__all__ = ["MAX_FAULTS", "Fault", "ForeignAv", "answers_per_second", "answers_per_test", "seeds_of", "usable"]
+__all__ = ["MAX_FAULTS", "Fault", "ForeignAv"]
 
 MAX_FAULTS = 20
 """Number of faults that ends a run."""
 MAX_HANGS = 5
 """Number of faults by hanging that ends a run."""
 _KEPT_SCRIPTS = 20_000
-
-
-def seeds_of(seed: int, tests: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Compute a number, 0 or more, for each test from seed and test alone (SplitMix64), shape as `tests`."""
-    start = np.uint64(seed * 0x9E3779B97F4A7C15 % 2**64)  # in Python's integers: NumPy warns where one number overflows
-    z = np.full(tests.shape, start) + tests.astype(np.uint64)
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return ((z ^ (z >> np.uint64(31))) >> np.uint64(1)).astype(np.int64)
 
 
 @dataclass(frozen=True)
@@ -97,38 +87,36 @@ class _SpoiledError(Exception):
 class _Starter:
     """Starts processes of one AV; it does not know the driver whose sessions it makes, so both end when that one does.
 
-    Args:
-        confines: In what they run.
-        log: Where what they print is kept.
-
     Attributes:
         about: What the AV's first process said of it; None: there was none yet.
     """
 
-    def __init__(self, confines: Confines, log: AvLog) -> None:
-        self._confines, self._log = confines, log
+    def __init__(self, spec: AvSpec, pace: Pace, log: AvLog) -> None:
+        self._spec, self._pace, self._log = spec, pace, log
         self.about: dict[str, str] | None = None
 
-    def __call__(self, spec: str, *, timeout: float, first_timeout: float, pace: Pace) -> AvProcess:
+    def __call__(self) -> AvProcess:
         """Start a process of the AV.
 
         Raises:
             AvFaultError: It is another AV than before.
         """
-        process = AvProcess(
-            spec, timeout=timeout, first_timeout=first_timeout, pace=pace, confines=self._confines, log=self._log
-        )
-        if self.about is not None and process.about != self.about:
+        name, limits = self._spec.name, {"timeout": self._pace.timeout, "first_timeout": self._pace.first_timeout}
+        process = AvProcess(name, **limits, pace=self._pace, confines=self._spec.confines, log=self._log)
+        about, self.about = self.about, self.about or process.about
+        if about is not None and process.about != about:
             process.close()
             raise AvFaultError(
-                f"The AV {spec} is not the one that drove before: it was {_some(self.about)}, it is "
-                f"{_some(process.about)}. Leave its files alone while it drives, and begin anew."
+                f"The AV {name} is not the one that drove before: it was {_some(about)}, it is {_some(process.about)}. "
+                "Leave its files alone while it drives, and begin anew."
             )
         return process
 
 
 class ForeignAv:
-    """A foreign AV, ready to drive tests; an instance is a `DriveChunk` (see `sim.runner`).
+    """An AV from outside, ready to drive tests; an instance is a `DriveChunk` (see `sim.runner`).
+
+    Its first process starts when something is asked of it that only a process can say (`open`).
 
     An answer that is no array of (B, 2) real numbers, an exception, an end of the process, or an answer that takes
     too long (`Pace.limit`) fails the whole batch; the AV is made anew and drives the tests again in smaller groups,
@@ -136,80 +124,80 @@ class ForeignAv:
     own test only. A test that fails is a fault: it is listed in `faults` and does not count as a test.
 
     Args:
-        spec: `module:Class`, `file.py:Class`, `cmd: PROGRAM`, an `.onnx` or a Stable-Baselines3 `.zip` file.
+        spec: The AV.
         odd: The ODD.
         seed: Seed of the run, told to the AV.
-        timeout: Time for the answer in one world [s], 0.01 to 3600; the first answer of a process has `first_timeout`,
-            or this if it is more.
-        batch: Worlds side by side, 1 to 65,536; None: as many as it answers well together (`choose_batch`).
-        first_timeout: Time for the first answer of a process [s], 60 unless said.
-        processes: AV processes that drive at the same time, 1 to 1024; None: as many as there are threads.
-        confines: In what its processes run.
 
     Attributes:
-        spec, processes: As given.
-        batch: Worlds side by side.
+        spec, odd, name: As given; the AV's name.
         pace: How fast the AV answers.
         log: What it prints, and its tracebacks.
-        kind, hash: "class", "policy", "program", "onnx" or "zip"; SHA-256 (16 hex digits) of its source or file.
-        controller: Which controller it is to the simulator: `sim.OUTSIDE`, or `sim.STEERED` if it steers.
         faults: Faults so far, by (seed, test).
+        keeps_scripts: Answers of crashed tests are kept (`keep_scripts`).
 
-    Raises:
+    Raises (all that needs a process):
         InputError, FileFormatError: `spec` names no AV.
         AvFaultError: The AV fails at its first question.
     """
 
-    def __init__(
-        self,
-        spec: str,
-        odd: Odd,
-        *,
-        seed: int = 0,
-        timeout: float = DEFAULT_TIMEOUT,
-        batch: int | None = None,
-        first_timeout: float = FIRST_TIMEOUT,
-        processes: int | None = None,
-        confines: Confines = USUAL,
-    ) -> None:
-        check_number("av_timeout", timeout, low=0.01, high=3600.0, unit="s")
-        if batch is not None:
-            check_integer("av_batch", batch, low=1, high=65_536)
-        if processes is not None:
-            check_integer("av_processes", processes, low=1, high=1024)
-        self.spec, self.processes, self._asked_batch = spec, processes, batch
-        self._context, self._road = context_of(odd, batch=batch or 1, seed=seed), road_numbers(odd)
-        self.pace = Pace(timeout, first_timeout)
-        self._lock = threading.Lock()
+    def __init__(self, spec: AvSpec, odd: Odd, *, seed: int = 0) -> None:
+        self.spec, self.name, self.odd = spec, spec.name, odd
+        self._context, self._road = context_of(odd, batch=spec.batch or 1, seed=seed), road_numbers(odd)
+        self.pace = Pace(spec.timeout, FIRST_TIMEOUT)
+        self._opening, self._lock = threading.Lock(), threading.Lock()
+        self._about: dict[str, str] | None = None
         self._free: queue.SimpleQueue[AvSession] = queue.SimpleQueue()
         self.faults: dict[tuple[int, int], Fault] = {}
         self._driven = 0
-        self._keeps_scripts = False
+        self.keeps_scripts = False
         self._scripts: OrderedDict[tuple[int, int], NDArray[np.float64]] = OrderedDict()
         self.log = AvLog()
-        note_use(self, spec, confines)
-        self._start = _Starter(confines, self.log)
-        self._closer = f"cornerforge check-av {shlex.quote(spec)}{confines.options()}"
-        first = AvSession(spec, self._context, self._road, self.pace, self._start)
-        about = self._start.about = first.process().about
-        self.kind, self.hash, self.controller = about["kind"], about["hash"], controller_of(about["form"])
-        if batch is None:
-            batch = choose_batch(lambda worlds: self._seconds(first, worlds))
-            self._context = replace(self._context, batch=batch)
-        else:
-            self._seconds(first, batch)
-        self.batch = batch
-        self._free.put(first)
+        self._start = _Starter(spec, self.pace, self.log)
 
-    def ask_once(self, session: AvSession) -> None:
-        """Ask the AV of a session about ordinary traffic; after it no row remembers anything of use.
+    # --- the AV, opened ---
 
-        Raises:
-            AvFailureError: It does not answer.
-        """
-        views = session.shown(ordinary_views(session.batch_size, self._context))
-        everywhere = np.arange(session.batch_size)
-        session.act(views, everywhere, np.zeros_like(everywhere))
+    def open(self) -> dict[str, str]:
+        """Start a first process and measure how fast it answers, unless that was done; give what it says of the AV."""
+        with self._opening:
+            if self._about is None:
+                remember(self.name)
+                AT_WORK[self] = self.name, self.spec.confines
+                first = self.new_session(self._context.batch)
+                about = first.process().about
+                if self.spec.batch is None:
+                    batch = choose_batch(lambda worlds: self._seconds(first, worlds))
+                    self._context = replace(self._context, batch=batch)
+                else:
+                    self._seconds(first, self.spec.batch)
+                self._free.put(first)
+                self._about = about
+            return self._about
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 (16 hex digits) of its source or file."""
+        return self.open()["hash"]
+
+    @property
+    def controller(self) -> int:
+        """Controller that it is to the simulator: `sim.OUTSIDE`, or `sim.STEERED` if it steers."""
+        return controller_of(self.open()["form"])
+
+    @property
+    def remembers(self) -> bool:
+        """True if an answer may depend on what the AV saw before in its test."""
+        return self.open()["remembers"] == "yes"
+
+    @property
+    def batch(self) -> int:
+        """Worlds side by side."""
+        self.open()
+        return self._context.batch
+
+    @property
+    def answer_seconds(self) -> float:
+        """Time for the answer in one of `batch` worlds [s]."""
+        return self.pace.usual(self.batch) / self.batch
 
     def _seconds(self, session: AvSession, worlds: int) -> float:
         """Measure how long the AV takes for an answer in so many worlds [s]; one that never works is reported at once.
@@ -220,22 +208,23 @@ class ForeignAv:
         expected = self.pace.usual(worlds)
         try:
             begun = time.perf_counter()
-            self.ask_once(session)
+            session.ask_once()
             seconds = time.perf_counter() - begun
             if seconds > 1.0 and (seconds < 1.5 * expected or worlds > 16):
                 self.pace.note(worlds, seconds)
                 return seconds
             begun = time.perf_counter()
-            self.ask_once(session)
+            session.ask_once()
             return time.perf_counter() - begun
         except AvFailureError as failure:
             raise AvFaultError(
-                f"The AV {self.spec} {failure} at its first question; look closer with: {self.closer()}"
+                f"The AV {self.name} {failure} at its first question; look closer with: {self.closer()}"
             ) from failure
 
     def closer(self) -> str:
         """Give the end of a message on a failure: the command that looks closer, and the file of what was printed."""
-        return self._closer + self.log.pointer()
+        options = self.spec.confines.options()
+        return f"cornerforge check-av {shlex.quote(self.name)}{options}{self.log.pointer()}"
 
     def explained(self, error: AvFaultError, how: str) -> AvFaultError:
         """Add the AV's own traceback to an error, where there is one of a failure that `how` describes."""
@@ -243,37 +232,13 @@ class ForeignAv:
             error.add_note(f"The AV's own traceback:\n{trace}")
         return error
 
-    def warm_up(self, setting: Setting, slots: int) -> None:
-        """Load the compiled kernels, or compile them, so that timings do not count it."""
-        with self.lend_session() as session:
-            batch = lockstep.allocate_batch(1, slots, session.views(1, slots))
-        lockstep.begin(0, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), setting, batch)
-        steps = Steps(self.steering(setting), slots, batch)
-        steps.see()
-        steps.act(np.zeros((1, answer_width(setting))))
-
     def steering(self, setting: Setting) -> Setting:
         """Copy a setting in which this AV drives."""
         return setting.with_drivers(av=self.controller)
 
-    def close(self) -> None:
-        """End the AV's processes; without this they end with this object or the program."""
-        while not self._free.empty():
-            self._free.get().drop()
-
     def new_session(self, batch: int) -> AvSession:
         """Make a session of the caller's own, with so many worlds side by side; the caller drops it."""
-        return AvSession(self.spec, replace(self._context, batch=batch), self._road, self.pace, self._start)
-
-    def range_size(self, usual: int, setting: Setting, tests: int, processes: int) -> int:
-        """Say how many of so many tests one process drives in a row (`Pace.range_size`)."""
-        return self.pace.range_size(usual, self.batch, tests, processes, answers_per_test(setting))
-
-    def group_size(self, worlds: int, threads: int) -> int:
-        """Say how many of a fixed number of worlds one process drives, so that all have some unless the AV is fast."""
-        most = self._asked_batch or MOST_WORLDS
-        busy = self.processes or (threads if self.pace.usual(min(worlds, most)) > 0.005 else 1)
-        return -(-worlds // max(-(-worlds // most), min(worlds, busy)))
+        return AvSession(replace(self._context, batch=batch), self._road, self._start)
 
     @contextmanager
     def lend_session(self, tests: int | None = None, set_speed: float | None = None) -> Iterator[AvSession]:
@@ -298,6 +263,28 @@ class ForeignAv:
             raise
         finally:
             self._free.put(session)
+
+    def warm_up(self, setting: Setting, slots: int) -> None:
+        """Load the compiled kernels, or compile them, so that timings do not count it."""
+        with self.lend_session() as session:
+            batch = lockstep.allocate_batch(1, slots, session.views(1, slots))
+        setting = self.steering(setting)
+        lockstep.begin(0, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), setting, batch)
+        steps = Steps(setting, slots, batch)
+        steps.see()
+        steps.act(np.zeros((1, answer_width(setting))))
+
+    def close(self) -> None:
+        """End the AV's processes; without this they end with this object or the program."""
+        while not self._free.empty():
+            self._free.get().drop()
+
+    def group_size(self, worlds: int, threads: int) -> int:
+        """Number of worlds, of a fixed number, that one process drives: all have some, unless the AV is fast."""
+        self.open()
+        most = self.spec.batch or MOST_WORLDS
+        busy = self.spec.processes or (threads if self.pace.usual(min(worlds, most)) > 0.005 else 1)
+        return -(-worlds // max(-(-worlds // most), min(worlds, busy)))
 
     # --- driving ---
 
@@ -347,7 +334,7 @@ class ForeignAv:
             if spoiled.what == "hung":
                 self.pace.allow_more(len(suspects))
                 announce(
-                    f"The AV {self.spec} {spoiled.message}; these tests are driven again one by one. If it is slow and "
+                    f"The AV {self.name} {spoiled.message}; these tests are driven again one by one. If it is slow and "
                     f"not hung: --av-batch below {len(suspects)}, or a longer --av-timeout."
                 )
         else:
@@ -376,7 +363,7 @@ class ForeignAv:
         if n >= MAX_FAULTS or hangs >= MAX_HANGS:
             tests = ", ".join(str(test) for test in sorted(test for _, test in list(self.faults))[:5])
             error = AvFaultError(
-                f"The AV {self.spec} spoiled {n} tests (such as {tests}; {driven:,} were done before). "
+                f"The AV {self.name} spoiled {n} tests (such as {tests}; {driven:,} were done before). "
                 f"In test {fault.test} it {fault.message}. Correct the AV; to look closer: {self.closer()}"
             )
             raise self.explained(error, fault.message)
@@ -398,7 +385,7 @@ class ForeignAv:
         done = np.zeros(size, dtype=np.int64)
         tests = np.array(group, dtype=np.int64)
         driven = batch.worlds.state["test"][:, 0]  # a view
-        log = np.zeros((size, _most_answers(setting), answer_width(setting))) if self._keeps_scripts else None
+        log = np.zeros((size, _most_answers(setting), answer_width(setting))) if self.keeps_scripts else None
         answered = np.zeros(size, dtype=np.int64)
         begun = 0
         finished: set[int] = set()
@@ -437,7 +424,7 @@ class ForeignAv:
                 finished.add(test)
                 write_outcome(world, out, test - first, setting.road)
                 if log is not None and world.state["outcome"][0] == AV_CRASH:
-                    self._keep_script(seed, test, log[b, : answered[b]].copy())
+                    self.keep_script(seed, test, log[b, : answered[b]].copy())
 
     def _set_aside(
         self, batch: lockstep.Batch, failed: dict[int, tuple[str, str]], group: list[int], finished: set[int],
@@ -461,16 +448,19 @@ class ForeignAv:
 
     # --- scripts: what the AV answered in one test ---
 
-    def keep_scripts(self) -> None:
-        """Keep the answers of crashed tests from now on, so that recording one need not ask the AV again."""
-        self._keeps_scripts = True
+    def keep_scripts(self, *, anew: bool = False) -> None:
+        """Keep the answers of crashed tests from now on, so that recording one need not ask the AV again.
 
-    def forget_scripts(self) -> None:
-        """Forget the answers that were kept: tests of the same names will be driven in another setting."""
-        with self._lock:
-            self._scripts.clear()
+        Args:
+            anew: Forget what was kept: tests of the same names will be driven in another setting.
+        """
+        self.keeps_scripts = True
+        if anew:
+            with self._lock:
+                self._scripts.clear()
 
-    def _keep_script(self, seed: int, test: int, script: NDArray[np.float64]) -> None:
+    def keep_script(self, seed: int, test: int, script: NDArray[np.float64]) -> None:
+        """Keep the AV's answers in one test, (number of answers, W)."""
         with self._lock:
             self._scripts[seed, test] = script
             if len(self._scripts) > _KEPT_SCRIPTS:
@@ -486,7 +476,7 @@ class ForeignAv:
             if (seed, test) in self._scripts:
                 return self._scripts[seed, test]
         script = self.ask(setting, slots, seed, test)
-        self._keep_script(seed, test, script)
+        self.keep_script(seed, test, script)
         return script
 
     def ask(self, setting: Setting, slots: int, seed: int, test: int) -> NDArray[np.float64]:
@@ -523,10 +513,10 @@ class ForeignAv:
                     given, failed = session.act(views, fresh, seeds)
                 except AvFailureError as failure:
                     session.drop()
-                    raise AvFaultError(f"The AV {self.spec} {failure} in test {test}{self.log.pointer()}") from failure
+                    raise AvFaultError(f"The AV {self.name} {failure} in test {test}{self.log.pointer()}") from failure
                 fresh, seeds = fresh[:0], seeds[:0]
                 if 0 in failed:
-                    error = AvFaultError(f"In test {test} the AV {self.spec} {failed[0][1]}{self.log.pointer()}")
+                    error = AvFaultError(f"In test {test} the AV {self.name} {failed[0][1]}{self.log.pointer()}")
                     raise self.explained(error, failed[0][1])
                 return given[:1]
 
@@ -549,22 +539,6 @@ class ForeignAv:
                 self._scripts.pop((seed, test), None)
             scripts.append(self.script(setting, slots, seed, test))
         return np.array_equal(scripts[0], scripts[1])
-
-
-def usable(answers: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Look which rows of answers (K, W) can be carried out (`answers.carry_out` makes the others NaN)."""
-    return np.asarray(np.isfinite(answers).all(axis=1))
-
-
-def answers_per_second(setting: Setting) -> int:
-    """Compute how often the AV answers in a second."""
-    return -(-SUBSTEPS // int(setting.road.av_substeps))
-
-
-def answers_per_test(setting: Setting) -> float:
-    """Compute about how often the AV answers in a test that it drives to its end, at 30 m/s."""
-    road = setting.road
-    return float(road.test_length) / 30.0 * answers_per_second(setting)
 
 
 def _most_answers(setting: Setting) -> int:

@@ -22,7 +22,7 @@ from typing import Any
 from cornerforge._checks import check_number
 from cornerforge.errors import InputError
 
-__all__ = ["MARK", "OLDEST_PYTHON", "USUAL", "Confines", "check_interpreter", "environment", "in_use", "note_use",
+__all__ = ["AT_WORK", "MARK", "OLDEST_PYTHON", "USUAL", "Confines", "check_interpreter", "environment", "in_use",
            "worker_command"]  # fmt: skip
 
 OLDEST_PYTHON = (3, 9)
@@ -95,19 +95,15 @@ class Confines:
 
 USUAL = Confines()
 """The simulator's own Python, half of the machine's memory."""
-_used: weakref.WeakKeyDictionary[object, tuple[str, Confines]] = weakref.WeakKeyDictionary()
-
-
-def note_use(owner: object, spec: str, confines: Confines) -> None:
-    """Note in what an AV runs, for as long as its owner is there."""
-    _used[owner] = spec, confines
+AT_WORK: weakref.WeakKeyDictionary[object, tuple[str, Confines]] = weakref.WeakKeyDictionary()
+"""Names of the AVs from outside that are at work, and in what they run, by the objects that ask them."""
 
 
 def in_use() -> dict[str, dict[str, Any]]:
     """Say in what the AVs from outside run that are at work, by their names; JSON-compatible."""
     return {
         spec: {"memory_gb": round(one.gigabytes, 3), "python": one.python or sys.executable}
-        for spec, one in list(_used.values())
+        for spec, one in list(AT_WORK.values())
     }
 
 

@@ -18,20 +18,12 @@ from cornerforge.errors import FileFormatError, InputError, UnknownNameError
 from cornerforge.foreign.drivers import Driver, driver_of
 from cornerforge.foreign.programs import Program, ProgramDriver, is_program
 
-__all__ = ["from_folder", "is_foreign", "load_av", "looking_in", "source_hash", "split_file"]
+__all__ = ["FILE_KINDS", "from_folder", "load_av", "looking_in", "source_hash", "split_file"]
 
 FILE_KINDS = (".onnx", ".zip")
+"""Endings of files that are AVs from outside."""
 _BUILT_IN_FILES = (".safetensors",)
 _METHODS = "act(view), plan(scene) or predict(observation)"
-
-
-def is_foreign(spec: str) -> bool:
-    """Does this name an AV from outside: `module:Class`, `file.py:Class`, `cmd: PROGRAM`, an `.onnx` or `.zip` file?
-
-    >>> is_foreign("my_av:MyAv"), is_foreign("cmd: ./planner"), is_foreign("net.onnx"), is_foreign("idm-mobil")
-    (True, True, True, False)
-    """
-    return ":" in spec or spec.lower().endswith(FILE_KINDS)
 
 
 def split_file(spec: str) -> tuple[str, str]:

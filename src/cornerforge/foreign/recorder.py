@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cornerforge.foreign.driver import answers_per_second
-from cornerforge.foreign.session import Steps
+from cornerforge.foreign.session import Steps, answers_per_second
 from cornerforge.sim import NATURAL, SCRIPTED, STEERED, Recorder, World, lockstep, ordered_lane, warn_of_left_out
 
 if TYPE_CHECKING:
@@ -59,12 +58,6 @@ class ForeignRecorder(Recorder):
         return self._scenario(seed, test)
 
 
-def batch_of(world: World) -> lockstep.Batch:
-    """Make a batch of one world, as views."""
-    slots = world.vehicles.size
-    return lockstep.allocate_batch(1, slots)._replace(worlds=World._make(array[None] for array in world))
-
-
 class ScriptedSeconds:
     """Drives a world by whole seconds with the answers that a foreign AV gave, for `rates.attention`.
 
@@ -93,6 +86,7 @@ class ScriptedSeconds:
 
     def __call__(self, world: World, setting: Setting) -> None:
         """Advance a running world by one decision of the BVs."""
-        steps = Steps(self._av.steering(setting), self._slots, batch_of(world))
+        batch = lockstep.allocate_batch(1, self._slots)._replace(worlds=World._make(array[None] for array in world))
+        steps = Steps(self._av.steering(setting), self._slots, batch)
         for answer in self._answers(world, setting):
             steps.act(answer[None])

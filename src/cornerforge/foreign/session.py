@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from cornerforge.drivers.idm import IdmParams
 from cornerforge.foreign import tracking
 from cornerforge.foreign.answers import Carried, carry_out
-from cornerforge.foreign.edge_cases import scenes_of
+from cornerforge.foreign.edge_cases import ordinary_views, scenes_of
 from cornerforge.foreign.interface import VIEW_SHAPE, AvContext
-from cornerforge.foreign.pace import Pace
 from cornerforge.foreign.process import AvProcess
 from cornerforge.sim import (
     AV_VIEW_VERSION,
-    Keep,
+    SUBSTEPS,
     Setting,
     allocate_scratch,
     av_scene,
@@ -33,10 +32,7 @@ if TYPE_CHECKING:
 
     from cornerforge.road.straight import RoadNumbers
 
-StartsProcess: TypeAlias = "Callable[..., AvProcess]"
-"""Starts a process of an AV: `start(spec, timeout=..., first_timeout=..., pace=...)`."""
-
-__all__ = ["AvSession", "Steps", "context_of"]
+__all__ = ["AvSession", "Steps", "answers_per_second", "answers_per_test", "context_of", "seeds_of", "usable"]
 
 
 def context_of(odd: Odd, *, batch: int, seed: int) -> AvContext:
@@ -59,21 +55,48 @@ def context_of(odd: Odd, *, batch: int, seed: int) -> AvContext:
     )
 
 
-class AvSession:
-    """One AV process and the worlds that it drives; serves one thread at a time."""
+def seeds_of(seed: int, tests: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Compute a number, 0 or more, for each test from seed and test alone (SplitMix64), shape as `tests`."""
+    start = np.uint64(seed * 0x9E3779B97F4A7C15 % 2**64)  # in Python's integers: NumPy warns where one number overflows
+    z = np.full(tests.shape, start) + tests.astype(np.uint64)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return ((z ^ (z >> np.uint64(31))) >> np.uint64(1)).astype(np.int64)
 
-    def __init__(
-        self, spec: str, context: AvContext, road: RoadNumbers, pace: Pace, start: StartsProcess = AvProcess
-    ) -> None:
-        self._spec, self._context, self._road, self._pace, self._start = spec, context, road, pace, start
+
+def usable(answers: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Look which rows of answers (K, W) can be carried out (`answers.carry_out` makes the others NaN)."""
+    return np.asarray(np.isfinite(answers).all(axis=1))
+
+
+def answers_per_second(setting: Setting) -> int:
+    """Compute how often the AV answers in a second."""
+    return -(-SUBSTEPS // int(setting.road.av_substeps))
+
+
+def answers_per_test(setting: Setting) -> float:
+    """Compute about how often the AV answers in a test that it drives to its end, at 30 m/s."""
+    road = setting.road
+    return float(road.test_length) / 30.0 * answers_per_second(setting)
+
+
+class AvSession:
+    """One AV process and the worlds that it drives side by side; serves one thread at a time.
+
+    Args:
+        context, road: What the AV is told of its world; the road's constants.
+        start: Starts a process of the AV.
+    """
+
+    def __init__(self, context: AvContext, road: RoadNumbers, start: Callable[[], AvProcess]) -> None:
+        self._context, self._road, self._start = context, road, start
         self._process: AvProcess | None = None
         self._batch: lockstep.Batch | None = None
 
     def process(self) -> AvProcess:
         """Give the AV's process, set up; a new one if it was given up."""
         if self._process is None:
-            pace = self._pace
-            process = self._start(self._spec, timeout=pace.timeout, first_timeout=pace.first_timeout, pace=pace)
+            process = self._start()
             process.setup(self._context)
             self._process = process
         return self._process
@@ -115,6 +138,16 @@ class AvSession:
         given, failed = process.act(views, fresh, seeds)
         return carry_out(given, failed, process.about["form"], views, self._road)
 
+    def ask_once(self) -> None:
+        """Ask about ordinary traffic; after it no row remembers anything of use.
+
+        Raises:
+            AvFailureError: There is no answer.
+        """
+        everywhere = np.arange(self.batch_size)
+        views = self.shown(ordinary_views(self.batch_size, self._context))
+        self.act(views, everywhere, np.zeros_like(everywhere))
+
     @property
     def is_fresh(self) -> bool:
         """Will the next question be the first to its process?"""
@@ -152,15 +185,15 @@ class AvSession:
 
 
 class Steps:
-    """Drives the test in world 0 of a batch, answer by answer; frames, decisions and counts go into `keep`.
+    """Drives the test in world 0 of a batch, answer by answer; keeps nothing of it.
 
     The setting's AV is OUTSIDE or STEERED.
     """
 
-    def __init__(self, setting: Setting, slots: int, batch: lockstep.Batch, keep: Keep | None = None) -> None:
+    def __init__(self, setting: Setting, slots: int, batch: lockstep.Batch) -> None:
         self._setting, self._batch = setting, batch
         self._scratch = allocate_scratch(slots, setting.who.policy)
-        self._keep = keep_nothing(slots) if keep is None else keep
+        self._keep = keep_nothing(slots)
         self._done = np.zeros(batch.views.shape[0], dtype=np.int64)
 
     def see(self) -> None:

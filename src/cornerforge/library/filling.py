@@ -17,18 +17,18 @@ import pyarrow as pa
 from cornerforge.errors import AvFaultError, CornerForgeError, InputError
 from cornerforge.execution import Rooms, in_order
 from cornerforge.execution.progress import NO_PROGRESS, Progress, moving
-from cornerforge.experiment.counting import CHUNK, check_not_all_spoiled, tally_summary
+from cornerforge.experiment.counting import CHUNK, tally_summary
 from cornerforge.experiment.output import code_hash, provenance, version, write_json
 from cornerforge.experiment.policy_file import policy_hash, save_policy
 from cornerforge.experiment.setting import AV_LOG, Experiment
-from cornerforge.foreign.driver import answers_per_test
+from cornerforge.foreign.session import answers_per_test
 from cornerforge.intervals import binomial_interval
 from cornerforge.library import CaseLibrary
 from cornerforge.library.harvester import CaseRoom, Harvested, Harvester, extra_columns, harvested_of
 from cornerforge.library.shards import EncodedShard, encode_tables
 from cornerforge.ndd.model import save_model
 from cornerforge.results import Filled, Simulated
-from cornerforge.sim import AV_FAULT, NOBODY, Recorder, Tally, crashed_tests, simulate_chunks
+from cornerforge.sim import AV_FAULT, NOBODY, Tally, crashed_tests, simulate_chunks
 
 __all__ = ["MODEL_FILE", "fill_library", "harvest_tests", "library_summary", "policy_file", "store_tests"]
 
@@ -71,29 +71,33 @@ class _Driving:
     """
 
     def __init__(self, run: Experiment, seed: int, policies: list[str], *, counting: bool) -> None:
-        self._run, self._seed, self._counting = run, seed, counting
-        self._harvesters = Rooms(partial(Harvester, run.setting, run.slots, policies))
-        self._recorders = Rooms(partial(_recording_room, run, policies))
+        self._seed, self._counting = seed, counting
+        self._harvesters = Rooms(partial(_harvester, run, policies))
 
     def __call__(self, first: int, count: int) -> Harvested:
-        if self._run.foreign is not None:
-            return self._foreign(first, count)
         with self._harvesters.lend() as harvester:
             return harvester.harvest(self._seed, first, count, counting=self._counting)
 
-    def _foreign(self, first: int, count: int) -> Harvested:
-        """Drive a range of tests of a foreign AV; drive each crashed test again, alone, with the AV's first answers."""
-        run = self._run
-        # The recorder is taken before the tests: it keeps the AV's answers, since an AV may draw random numbers.
-        with self._recorders.lend() as (recorder, cases):
-            outcomes, counts = run.drive(run.setting, run.slots, self._seed, first, count, self._counting)
-            for test in crashed_tests(first, outcomes):
-                recorder.keep(self._seed, test, cases.room())
-            return harvested_of(first, outcomes, counts, cases)
+
+def _harvester(run: Experiment, policies: list[str]) -> Harvester | _RecordingHarvester:
+    """Make what drives tests of a run and keeps their crashes, in one thread."""
+    return Harvester(run.setting, run.slots, policies) if run.asked is None else _RecordingHarvester(run, policies)
 
 
-def _recording_room(run: Experiment, policies: list[str]) -> tuple[Recorder, CaseRoom]:
-    return run.recorder(), CaseRoom(run.slots, int(run.setting.road.max_decisions), policies)
+class _RecordingHarvester:
+    """Drives tests of an AV from outside; each crashed test is driven again, alone, with the AV's first answers."""
+
+    def __init__(self, run: Experiment, policies: list[str]) -> None:
+        self._run = run
+        # The recorder is made before the tests: it keeps the AV's answers, since an AV may draw random numbers.
+        self._recorder, self._cases = run.recorder(), CaseRoom(run.slots, int(run.setting.road.max_decisions), policies)
+        self.warm_up = run.warm_up
+
+    def harvest(self, seed: int, first: int, count: int, *, counting: bool = False) -> Harvested:
+        outcomes, counts = self._run.drive(self._run.setting, self._run.slots, seed, first, count, counting)
+        for test in crashed_tests(first, outcomes):
+            self._recorder.keep(seed, test, self._cases.room())
+        return harvested_of(first, outcomes, counts, self._cases)
 
 
 class _Harvest:
@@ -273,10 +277,7 @@ def fill_library(
         CornerForgeError: The place cannot be used, or crashes are so rare that `cases` is out of reach.
     """
     n_threads = run.processes(threads)
-    if run.foreign is None:
-        Harvester(run.setting, run.slots).warm_up()
-    else:
-        run.warm_up()
+    _harvester(run, []).warm_up()
     start = time.perf_counter()
     library = _open_library(run, out, seed, resume=resume)
     run.keep_printed(out / AV_LOG)
@@ -296,7 +297,7 @@ def fill_library(
         except (KeyboardInterrupt, AvFaultError):
             filler.rescue()
             raise
-    check_not_all_spoiled(run, library.tests, library.next_test)
+    run.check_not_all_spoiled(library.tests, library.next_test)
     library.finish()
     seconds = time.perf_counter() - start
     write_json(out / "provenance.json", provenance(library.identity, round(seconds, 3)))

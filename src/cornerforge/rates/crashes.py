@@ -10,7 +10,6 @@ from typing import Any
 from cornerforge.analysis.crash_types import CRASH_TYPES
 from cornerforge.analysis.mechanism import MECHANISMS, crash_types_of, mechanism_of
 from cornerforge.experiment.setting import Experiment
-from cornerforge.foreign.recorder import ScriptedSeconds
 from cornerforge.rates.attention import action_chances, oversight
 from cornerforge.results.driving import CrashCircumstances
 from cornerforge.types import Scenario
@@ -70,10 +69,13 @@ class NaturalCrashes:
         setting = self._run.setting
         kind = crash_types_of([scenario]).names[0]
         assert scenario.crash is not None  # mechanism_of has looked
-        foreign = self._run.foreign
-        step = None if foreign is None else ScriptedSeconds(foreign, self._run.slots)
         chances = action_chances(
-            setting, self._run.slots, seed=self._seed, test=test, slot=scenario.crash.slot_b, step=step
+            setting,
+            self._run.slots,
+            seed=self._seed,
+            test=test,
+            slot=scenario.crash.slot_b,
+            step=self._run.stepper(),
         )
         eyes = oversight(chances, scenario.crash.time, setting.tables.overlook, setting.tables.overlook_conflict)
         return scenario, CrashStudy(

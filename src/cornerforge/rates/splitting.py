@@ -25,7 +25,6 @@ from cornerforge.errors import FileFormatError
 from cornerforge.execution.progress import Progress
 from cornerforge.experiment.output import code_hash, remove_folder, version
 from cornerforge.experiment.setting import Experiment
-from cornerforge.foreign.recorder import ForeignRecorder
 from cornerforge.intervals import poisson_interval, weighted_interval
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.library.filling import MODEL_FILE
@@ -330,7 +329,7 @@ class Splitting:
             for block in self._blocks
             for k, test in enumerate(block["test"].tolist())
         }
-        driver, recorder = self._run.script_driver(), self._run.recorder()
+        driver, record = self._run.script_driver(), self._run.branch_recorder()
         seen = [tree in kept for tree in trees.tolist()]  # of others the crashes found no room
         self._unseen = 1.0 - float(stands_for[seen].sum() / stands_for.sum())
         trees, stands_for = trees[seen], stands_for[seen] * (weights.sum() / stands_for[seen].sum())
@@ -342,12 +341,8 @@ class Splitting:
             start = driver.start_of_test(self._tree_seed, test)
             actions = block["actions"][k, : block["begun"][k], : start.size]
             script = Script(np.arange(start.size, dtype=np.int16), start, actions, self._tree_seed, test)
-            if isinstance(recorder, ForeignRecorder):
-                answers = block["answers"][k]
-                answers = answers[np.isfinite(answers[:, 0])]
-                scenario = recorder.record_branch(self._tree_seed, test, actions, answers)
-            else:
-                scenario, _ = driver.record(script)
+            answers = block["answers"][k]
+            scenario = record(script, answers[np.isfinite(answers[:, 0])])
             mechanism = mechanism_of(scenario)
             kind = crash_types_of([scenario]).names[0]
             picked.append(PickedCrash(weight, kind, mechanism.name))
@@ -422,7 +417,7 @@ def kind_rates(picked: Sequence[PickedCrash], of: str, found: WeightedRate) -> d
 
 def _driver(run: Experiment, **places: int) -> TreeDriver:
     """Take what drives trees of the run's AV."""
-    return BUILT_IN_TREES if run.foreign is None else ForeignTrees(run.foreign, **places)
+    return BUILT_IN_TREES if run.asked is None else ForeignTrees(run.asked, **places)
 
 
 def _one_a_tree(crashes: NDArray[np.void], rng: np.random.Generator) -> NDArray[np.intp]:

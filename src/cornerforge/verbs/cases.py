@@ -16,12 +16,11 @@ from cornerforge._schema import read
 from cornerforge.analysis.avoidability import AvoidParams, avoidability
 from cornerforge.analysis.stored import CASES_FILE, read_analysed
 from cornerforge.errors import FileFormatError, InputError
-from cornerforge.experiment.named_avs import check_named
 from cornerforge.experiment.output import code_hash
 from cornerforge.experiment.policy_file import load_policy
 from cornerforge.experiment.setting import Experiment, experiment
 from cornerforge.fields import REALS
-from cornerforge.foreign.loaders import is_foreign
+from cornerforge.foreign.named_avs import check_named
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.filling import MODEL_FILE, policy_file
 from cornerforge.library.manifest import MANIFEST
@@ -40,7 +39,9 @@ SEVERAL = "several AVs"
 """The AV of a library whose cases were made by different ones."""
 
 
-def experiment_of(cases: CaseLibrary, asked: AvProcessOptions | None = None) -> Experiment:
+def experiment_of(
+    cases: CaseLibrary, asked: AvProcessOptions | None = None, *, takes_foreign: bool = True
+) -> Experiment:
     """Rebuild the experiment that made a library from its identity and the files beside it.
 
     Args:
@@ -49,7 +50,7 @@ def experiment_of(cases: CaseLibrary, asked: AvProcessOptions | None = None) -> 
 
     Raises:
         FileFormatError: A file is missing or is not the one of the library.
-        InputError: Its AV is from outside, and the user has not named it.
+        InputError: Its AV is from outside, and not taken, or not named by the user.
     """
     _check_told(cases, ("av",))
     if cases.identity["av"] == SEVERAL:
@@ -57,21 +58,22 @@ def experiment_of(cases: CaseLibrary, asked: AvProcessOptions | None = None) -> 
             f"The cases of {cases.path} were made by several AVs, so there is none to drive them with again; drive "
             f"them with two of your choice: cornerforge retest {cases.path} --av NEW --baseline OLD"
         )
-    if is_foreign(str(cases.identity["av"])):
-        check_named(str(cases.identity["av"]), cases.path)
+    check_named(str(cases.identity["av"]), cases.path)
     world = replace((asked or AvProcessOptions()).world(), av=str(cases.identity["av"]))
-    return experiment_with(cases, world, changed=())
+    return experiment_with(cases, world, changed=(), takes_foreign=takes_foreign)
 
 
 def experiment_with(
-    cases: CaseLibrary, world: WorldOptions, *, changed: Sequence[str] = ("av", "av_hash", "av_steers")
-) -> Experiment:
+    cases: CaseLibrary, world: WorldOptions, *, changed: Sequence[str] = ("av", "av_hash", "av_steers"),
+    takes_foreign: bool = True,
+) -> Experiment:  # fmt: skip
     """Build the experiment that made a library, but with the AV of `world` and as that says it is asked.
 
     Args:
         cases: The library.
         world: The AV; road, model and mask are those of the library.
         changed: Keys of the identity that may be others than the library's.
+        takes_foreign: The AV may be one from outside.
 
     Raises:
         FileFormatError: A file is missing or is not the one of the library.
@@ -89,7 +91,7 @@ def experiment_with(
         # Policies bring their budgets, which need not be the same.
         budget=None if policies else told.budget,
         acting=told.acting,
-        takes_foreign=True,
+        takes_foreign=takes_foreign,
         takes_recorded=cases.on_rails,
         seed=told.seed,
     )
@@ -204,7 +206,7 @@ def replay(options: Replay) -> Replayed:
 
 def _why_different(cases: CaseLibrary, run: Experiment, driven: Scenario) -> str | None:
     """Say what may explain that a case differs when it is driven again; None if nothing is known."""
-    if run.foreign is not None and not run.foreign.repeats(run.setting, run.slots, driven.seed, driven.test):
+    if not run.repeats(driven.seed, driven.test):
         return (
             f"The AV {run.av.name} is not deterministic: asked twice about the same test, it drives differently. "
             "What is stored is what it did then."

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from functools import partial
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,20 +14,18 @@ from cornerforge._words import spoken
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.execution.progress import Progress
 from cornerforge.experiment.counting import simulate_experiment
-from cornerforge.experiment.forecast import LONG_SECONDS, forecast, seconds_of, tests_per_hour
-from cornerforge.experiment.named_avs import remember
-from cornerforge.experiment.setting import Experiment, check_av_options, confines_of, experiment, road_of
+from cornerforge.experiment.forecast import LONG_SECONDS, forecast
+from cornerforge.experiment.setting import Experiment, experiment, road_of
 from cornerforge.foreign.answers import controller_of
-from cornerforge.foreign.av_log import AvLog
+from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.edge_cases import EDGE_CASES, edge_case, random_views
-from cornerforge.foreign.interpreter import Confines
-from cornerforge.foreign.loaders import is_foreign
-from cornerforge.foreign.pace import Pace, announce
-from cornerforge.foreign.process import FIRST_TIMEOUT, AvFailureError, AvProcess
-from cornerforge.foreign.session import AvSession, context_of
+from cornerforge.foreign.named_avs import remember
+from cornerforge.foreign.pace import announce
+from cornerforge.foreign.process import FIRST_TIMEOUT, AvFailureError
+from cornerforge.foreign.session import AvSession
+from cornerforge.foreign.spec import spec_of
 from cornerforge.results import AvChecked
 from cornerforge.results.avs import AvCheck, AvDoes, AvSpeed
-from cornerforge.road.straight import road_numbers
 from cornerforge.sim import STEERED
 from cornerforge.types import Odd
 from cornerforge.verbs.options.driving import CheckAv
@@ -61,14 +60,11 @@ class _Bench:
         hangs: So often it gave no answer in time.
     """
 
-    def __init__(self, spec: str, odd: Odd, seed: int, timeout: float, confines: Confines) -> None:
-        self.log = AvLog()
-        self._start = partial(AvProcess, confines=confines, log=self.log)
-        self._spec, self._odd, self._seed = spec, odd, seed
-        self.pace = Pace(timeout, FIRST_TIMEOUT)
+    def __init__(self, av: ForeignAv) -> None:
+        self._av, self.pace, self.log = av, av.pace, av.log
         self.few, self.many, self.hangs = _BATCH, _MANY, 0
         self._session: AvSession | None = None
-        self._batch, self._loading = 0, 0.0
+        self._loading = 0.0
         self.checks: list[AvCheck] = []
         self.about: dict[str, str] = {}
 
@@ -76,20 +72,22 @@ class _Bench:
         """Add a finding to the list."""
         self.checks.append(AvCheck(name=name, verdict=verdict, found=found, trace=trace or None))
 
-    def note_failure(self, name: str, how: str) -> None:
-        """Add a failure of the AV to the list, with its traceback."""
-        self.note(name, _FAIL, f"it {how}", self.log.trace(how))
+    @contextmanager
+    def trying(self, name: str) -> Iterator[None]:
+        """Add a failure of the AV in the block to the list, with its traceback."""
+        try:
+            yield
+        except AvFailureError as failure:
+            self.note(name, _FAIL, f"it {failure}", self.log.trace(str(failure)))
 
     def session(self, batch: int) -> AvSession:
         """Return the AV's process, set up for `batch` worlds."""
-        if self._session is None or self._batch != batch:
+        if self._session is None or self._session.batch_size != batch:
             self.close()
-            context = context_of(self._odd, batch=batch, seed=self._seed)
-            session = AvSession(self._spec, context, road_numbers(self._odd), self.pace, self._start)
-            begun = time.perf_counter()
+            session, begun = self._av.new_session(batch), time.perf_counter()
             self.about = session.process().about
             self._loading = max(self._loading, time.perf_counter() - begun)
-            self._session, self._batch = session, batch
+            self._session = session
         return self._session
 
     def close(self) -> None:
@@ -104,7 +102,10 @@ class _Bench:
         A process of it that starts later has less time to load and for its first answer, now that it is known what
         these take.
         """
-        begun, view = time.perf_counter(), edge_case(next(iter(EDGE_CASES)), self._odd)[None, None].astype(np.float32)
+        begun, view = (
+            time.perf_counter(),
+            edge_case(next(iter(EDGE_CASES)), self._av.odd)[None, None].astype(np.float32),
+        )
         try:
             self.answers(view)
             took = time.perf_counter() - begun
@@ -121,7 +122,7 @@ class _Bench:
         seconds = alone * self.few * len(EDGE_CASES) + self.repeat_steps() * alone * (3 * self.few + 1 + self.many)
         if seconds > LONG_SECONDS:
             announce(
-                f"{self._spec} takes about {spoken(alone)} for an answer in one world (measured): trials will take "
+                f"{self._av.name} takes about {spoken(alone)} for an answer in one world (measured): trials will take "
                 f"about {spoken(seconds)}."
             )
 
@@ -166,18 +167,16 @@ def check_av(options: CheckAv) -> AvChecked:
     Raises:
         CornerForgeError: It is no AV, or fails at once.
     """
-    if options.tests is not None:
-        world = options.world()
-    av, av_timeout = world.av, world.av_timeout
-    check_av_options(world)
-    if not is_foreign(av):
+    world = options.world()
+    spec = spec_of(world)
+    if not spec.is_outside:
         raise InputError(
-            f'"{av}" is a built-in name or none; check-av tries module:Class, file.py:Class, "cmd: PROGRAM", '
+            f'"{spec.name}" is a built-in name or none; check-av tries module:Class, file.py:Class, "cmd: PROGRAM", '
             ".onnx and .zip files."
         )
-    remember(av)
+    remember(spec.name)
     road = road_of(world)
-    bench = _Bench(av, road, options.seed, av_timeout, confines_of(world))
+    bench = _Bench(ForeignAv(spec, road, seed=options.seed))
     try:
         bench.session(1)
         speed: tuple[AvSpeed, ...] = ()
@@ -194,10 +193,10 @@ def check_av(options: CheckAv) -> AvChecked:
     passed = all(check.verdict != _FAIL for check in bench.checks)
     log = None if passed else bench.log.named()
     return AvChecked(
-        av=av,
+        av=spec.name,
         kind=bench.about["kind"],
         hash=bench.about["hash"],
-        memory_gb=round(confines_of(world).gigabytes, 3),
+        memory_gb=round(spec.confines.gigabytes, 3),
         checks=tuple(bench.checks),
         passed=passed,
         log=None if passed or log is None else str(log),
@@ -223,17 +222,14 @@ def _try_edge_cases(bench: _Bench, road: Odd, progress: Progress) -> None:
 
 def _try_edge_case(bench: _Bench, name: str, odd: Odd) -> None:
     view = np.broadcast_to(edge_case(name, odd), (1, bench.few, 13, 8)).astype(np.float32)
-    try:
+    with bench.trying(name):
         answer = bench.answers(view)[0, 0]
-    except AvFailureError as failure:
-        bench.note_failure(name, str(failure))
-        return
-    steers = controller_of(bench.about["form"]) == STEERED
-    order = 0.0 if steers else float(answer[1])
-    text = f"{answer[0]:.2f} m/s2, " + (f"curvature {answer[1]:+.4f} /m" if steers else f"lane order {order:+.0f}")
-    doubt = EDGE_CASES[name].doubt(float(answer[0]), order)
-    beyond = "" if -8.0 <= answer[0] <= 2.0 else "; commands are cut to -8 to 2 m/s2"
-    bench.note(name, _WARN if doubt else _OK, text + beyond + (f"; {doubt}" if doubt else ""))
+        steers = controller_of(bench.about["form"]) == STEERED
+        order = 0.0 if steers else float(answer[1])
+        text = f"{answer[0]:.2f} m/s2, " + (f"curvature {answer[1]:+.4f} /m" if steers else f"lane order {order:+.0f}")
+        doubt = EDGE_CASES[name].doubt(float(answer[0]), order)
+        beyond = "" if -8.0 <= answer[0] <= 2.0 else "; commands are cut to -8 to 2 m/s2"
+        bench.note(name, _WARN if doubt else _OK, text + beyond + (f"; {doubt}" if doubt else ""))
 
 
 def _difference(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
@@ -248,46 +244,37 @@ def _try_repeats(bench: _Bench, odd: Odd, seed: int) -> None:
     n, steps = bench.few, bench.repeat_steps()
     views = random_views(rng, (steps, bench.many), odd)
     few = views[:, :n]
-    try:
+    with bench.trying("random traffic"):
         first = bench.answers(few)
         again = _difference(first, bench.answers(few))
         order = rng.permutation(n)
         turned = _difference(first, bench.answers(few, order))
         alone = _difference(first[:, :1], bench.answers(few[:, :1]))
         many = _difference(first, bench.answers(views)[:, :n])
-    except AvFailureError as failure:
-        bench.note_failure("random traffic", str(failure))
-        return
-    bench.note("random traffic", _OK, f"{steps} seconds in {n} worlds")
-    if again > 0.0:
-        bench.note(
-            "repeats", _WARN, f"the same views, asked twice, differ by up to {again:.3g}: it is not deterministic, so "
-            "results cannot be repeated. Draw random numbers by the seeds that reset() gives."
-        )  # fmt: skip
-        return
-    bench.note("repeats", _OK, "the same views give the same answers")
-    for name, difference in (("order of worlds", turned), ("alone", alone), (f"{bench.many} worlds", many)):
-        if difference == 0.0:
-            bench.note(name, _OK, "the same answers")
-        elif difference <= _ROUNDING:
+        bench.note("random traffic", _OK, f"{steps} seconds in {n} worlds")
+        if again > 0.0:
             bench.note(
-                name, _WARN, f"answers differ by up to {difference:.2g} (rounding): tests may come out differently in "
-                "batches of another size"
+                "repeats", _WARN, f"the same views, asked twice, differ by up to {again:.3g}: it is not deterministic, "
+                "so results cannot be repeated. Draw random numbers by the seeds that reset() gives."
             )  # fmt: skip
-        else:
-            bench.note(name, _FAIL, f"answers differ by up to {difference:.3g}: worlds have an influence on each other")
+            return
+        bench.note("repeats", _OK, "the same views give the same answers")
+        for name, difference in (("order of worlds", turned), ("alone", alone), (f"{bench.many} worlds", many)):
+            if difference == 0.0:
+                bench.note(name, _OK, "the same answers")
+                continue
+            text = f"answers differ by up to {difference:.2g} (rounding): tests may come out differently in "
+            text += "batches of another size"
+            if difference > _ROUNDING:
+                text = f"answers differ by up to {difference:.3g}: worlds have an influence on each other"
+            bench.note(name, _WARN if difference <= _ROUNDING else _FAIL, text)
 
 
 def _speeds(bench: _Bench, odd: Odd, seed: int) -> tuple[AvSpeed, ...]:
-    try:
-        found = []
-        for batch in _SPEED_BATCHES:
-            if bench.pace.usual(batch) <= 10.0 * _CALL_SECONDS:
-                found.append(_speed(bench, odd, seed, batch))
-        return tuple(found)
-    except AvFailureError as failure:
-        bench.note_failure("speed", str(failure))
-        return ()
+    with bench.trying("speed"):
+        slow = 10.0 * _CALL_SECONDS
+        return tuple(_speed(bench, odd, seed, batch) for batch in _SPEED_BATCHES if bench.pace.usual(batch) <= slow)
+    return ()
 
 
 def _speed(bench: _Bench, odd: Odd, seed: int, batch: int) -> AvSpeed:
@@ -316,7 +303,9 @@ def _drive(
     does = None
     try:
         run = experiment(world, takes_foreign=True, seed=seed)
-        does = _does(run, threads)
+        av = run.asked
+        assert av is not None
+        does = _does(run, av, threads)
         if tests is None:
             tests = max(2, min(_MOST_TESTS, int(_DRIVE_SECONDS * does.tests_per_hour / 3600.0)))
         forecast(run, threads, f"driving {tests:,} tests", tests=tests)
@@ -328,11 +317,11 @@ def _drive(
         bench.note("tests in natural traffic", _FAIL, str(error), trace)
         return does
     found = f"{tally.av_crashes} crashes in {tally.tests} tests, {tests / seconds:,.3g} tests/s"
-    if tally.av_faults and run.foreign is not None:
-        fault = min(run.foreign.faults.values(), key=lambda fault: fault.test)
+    if tally.av_faults:
+        fault = min(av.faults.values(), key=lambda fault: fault.test)
         text = f"{tally.av_faults} tests spoiled; in test {fault.test} it {fault.message}"
-        bench.note("tests in natural traffic", _FAIL, text, run.foreign.log.trace(fault.message))
-        bench.log = run.foreign.log  # of its own processes
+        bench.note("tests in natural traffic", _FAIL, text, av.log.trace(fault.message))
+        bench.log = av.log  # of its own processes
     elif tally.av_crashes > 0.05 * tests:
         bench.note("tests in natural traffic", _WARN, found + ": more than one in twenty")
     else:
@@ -340,18 +329,16 @@ def _drive(
     return does
 
 
-def _does(run: Experiment, threads: int | None) -> AvDoes:
+def _does(run: Experiment, av: ForeignAv, threads: int | None) -> AvDoes:
     """Say what the AV's speed allows."""
-    assert run.foreign is not None
-    av = run.foreign
-    tests = tests_per_hour(run, threads)
-    decisions = 3600.0 * 1e6 / seconds_of(run, threads, decisions=1e6)
+    tests = 3600.0 * 1000.0 / run.seconds_of(threads, tests=1000)
+    decisions = 3600.0 * 1e6 / run.seconds_of(threads, decisions=1e6)
     training = 3600.0 * _USUAL_DECISIONS / decisions
     advice = f"training against it ({_USUAL_DECISIONS:,} decisions) would take about {spoken(training)}"
     if training > _LONG_TRAINING:
         advice += "; run --hours 1 trains against a stand-in, and finds cases with this AV in the time given"
     return AvDoes(
-        answer_seconds=av.pace.usual(av.batch) / av.batch,
+        answer_seconds=av.answer_seconds,
         batch=av.batch,
         processes=run.processes(threads),
         tests_per_hour=round(tests, 1),

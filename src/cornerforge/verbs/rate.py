@@ -129,15 +129,10 @@ def _why_counting(run: Experiment, counts: MonteCarlo, target: float) -> str | N
     width = counts.half_width()
     if counts.av_crashes < ENOUGH_TO_FORESEE or width is None:
         return None
-    cost, unit = _cost(run, counts)
-    trees = _TREES_TAKE_S if run.foreign is None else cost / counts.valid_tests * _TREES_TAKE_TESTS
+    cost, unit = run.cost(counts.cpu_seconds, counts.seconds)
+    trees = _TREES_TAKE_S if run.asked is None else cost / counts.valid_tests * _TREES_TAKE_TESTS
     takes = cost * (width / target) ** 2
     return None if takes > trees else f"plain tests will take about {takes:.0f} s {unit}, trees {trees:.0f} s or more"
-
-
-def _cost(run: Experiment, counts: MonteCarlo) -> tuple[float, str]:
-    """Say what counting took [s] and of what: an AV from outside needs time that is not this program's."""
-    return (counts.cpu_seconds, "of CPU time") if run.foreign is None else (counts.seconds, "by the clock")
 
 
 def _why_trees(counts: MonteCarlo) -> str:
@@ -164,7 +159,7 @@ def _split(session: PlainTests, split: Splitting, reason: str, target: float, ma
     mechanisms = kind_rates(picked, "mechanism", found) if picked else {}
     cpu = plain.cpu_seconds + split.taught.cpu_seconds + split.cost.cpu_seconds
     seconds = plain.seconds + split.seconds
-    spent = cpu if session.run.foreign is None else seconds
+    spent, counting = (session.run.cost(*one)[0] for one in ((cpu, seconds), (plain.cpu_seconds, plain.seconds)))
     fields = {
         **session.plain_part(),
         "method": "is" if split.tilted else "splitting",
@@ -178,7 +173,7 @@ def _split(session: PlainTests, split: Splitting, reason: str, target: float, ma
         "largest_share": None,
         "halves": found.halves,
         "tail_index": found.tail if found.tail is None or math.isfinite(found.tail) else None,
-        "acceleration": found.counted_tests * _cost(session.run, plain)[0] / plain.valid_tests / spent,
+        "acceleration": found.counted_tests * counting / plain.valid_tests / spent,
         "seconds": round(seconds, 3),
         "cpu_seconds": round(cpu, 3),
         "tests_per_second": round(found.n / split.seconds, 1),

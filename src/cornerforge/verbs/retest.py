@@ -19,7 +19,7 @@ from cornerforge.execution.progress import NO_PROGRESS, Progress
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import check_new_file, config_hash, provenance
 from cornerforge.experiment.setting import RECORDED_AV, Experiment, check_threads
-from cornerforge.foreign.loaders import is_foreign
+from cornerforge.foreign.spec import with_av
 from cornerforge.library import CaseLibrary
 from cornerforge.library.case_file import CaseFile
 from cornerforge.rates.paired import difference_interval, sequential_verdict
@@ -189,7 +189,7 @@ def _retest_files(
 ) -> tuple[Retested, list[Pair]]:
     """Drive the AV, and the baseline if there is one, through case files; record pairs for the page if wanted."""
     files, note = read_case_files(place)
-    options_of_old = None if baseline is None else options.with_av(baseline, is_foreign=is_foreign(baseline))
+    options_of_old = None if baseline is None else with_av(options, baseline)
     models = [place if place.is_dir() else place.parent]
     with contextlib.ExitStack() as stack:
         new = stack.enter_context(CaseDriver(options, models))

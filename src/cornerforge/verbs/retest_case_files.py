@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cornerforge.errors import AvFaultError, CornerForgeError, InputError
 from cornerforge.experiment.output import IDENTITY
-from cornerforge.foreign.loaders import is_foreign
+from cornerforge.foreign.spec import AvSpec, with_av
 from cornerforge.library.case_file import CaseFile, is_case_file, read_case_file
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.report.comparison import AS_RECORDED, Pair
@@ -92,9 +92,9 @@ def _before(case: CaseFile, old: CaseDriver | None, options: WorldOptions, model
     try:
         if old is not None:
             return old.record(case)
-        if case.av is None or is_foreign(case.av):
+        if case.av is None or AvSpec(case.av).is_outside:
             return None
-        with CaseDriver(options.with_av(case.av, is_foreign=False), models) as maker:
+        with CaseDriver(with_av(options, case.av), models) as maker:
             return maker.record(case)
     except CornerForgeError:
         return None

@@ -9,7 +9,6 @@ from cornerforge.analysis.contact import impact_speed
 from cornerforge.errors import AvFaultError, CornerForgeError
 from cornerforge.execution.progress import Progress
 from cornerforge.experiment.setting import Experiment
-from cornerforge.foreign.loaders import is_foreign
 from cornerforge.library import CaseLibrary
 from cornerforge.report.comparison import AS_RECORDED, NATURAL, REACTING, Pair
 from cornerforge.types import Scenario
@@ -76,10 +75,8 @@ def pairs_of(
 
 def _maker(cases: CaseLibrary) -> Experiment | None:
     """The run that made the library; None if its AV is from outside or is not the one of that name any more."""
-    if is_foreign(str(cases.identity["av"])):
-        return None
     try:
-        return experiment_of(cases)
+        return experiment_of(cases, takes_foreign=False)
     except CornerForgeError:
         return None
 

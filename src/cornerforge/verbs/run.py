@@ -94,7 +94,7 @@ def _train_config(size: Effort, reward: str) -> TrainConfig:
 
 def _natural_method(natural: Experiment, max_tests: int) -> str:
     """Choose the method of the natural rate: for an AV from outside the one that makes no copies of its tests."""
-    return "auto" if natural.foreign is None or why_only_counting(max_tests) is not None else "is"
+    return "auto" if natural.asked is None or why_only_counting(max_tests) is not None else "is"
 
 
 def _identity(plain: Experiment, effort: str, config: TrainConfig, seed: int) -> dict[str, Any]:
@@ -149,7 +149,7 @@ def run(options: Run) -> RunDone:
     unmasked = world.without_mask()
     natural = experiment(unmasked, takes_foreign=True, seed=options.seed)
     plain = experiment(world, bv="uniform", takes_foreign=True, seed=options.seed)
-    natural_tests = size.natural_tests if natural.foreign is None else round(_OUTSIDE * size.natural_tests)
+    natural_tests = size.natural_tests if natural.asked is None else round(_OUTSIDE * size.natural_tests)
     identity = _identity(plain, effort, config, options.seed)
     open_output(folder, identity, resume=options.resume)
     forecast(

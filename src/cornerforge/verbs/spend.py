@@ -25,14 +25,13 @@ from cornerforge.adversary.worlds import reward_numbers
 from cornerforge.errors import InputError
 from cornerforge.execution import cpu_seconds
 from cornerforge.execution.progress import Progress, moving
-from cornerforge.experiment.counting import CHUNK, check_not_all_spoiled, rate_summary, simulate_experiment
-from cornerforge.experiment.forecast import pace_text, seconds_of
+from cornerforge.experiment.counting import CHUNK, rate_summary, simulate_experiment
 from cornerforge.experiment.output import code_hash, config_hash, open_output, version
 from cornerforge.experiment.policy_file import load_policy
 from cornerforge.experiment.setting import AV_LOG, Experiment, check_threads, experiment
-from cornerforge.foreign.driver import answers_per_test
-from cornerforge.foreign.loaders import is_foreign
 from cornerforge.foreign.pace import announce
+from cornerforge.foreign.session import answers_per_test
+from cornerforge.foreign.spec import AvSpec
 from cornerforge.intervals import binomial_interval
 from cornerforge.library import CaseLibrary
 from cornerforge.library.filling import fill_library, library_summary
@@ -162,31 +161,28 @@ class Portion:
 
 def _measured(run: Experiment, seed: int, threads: int | None) -> float:
     """Measure how many tests a second are driven: of an AV from outside by its answers, else by driving some."""
-    if run.foreign is not None:
-        return 1000.0 / seconds_of(run, threads, tests=1000)
+    if seconds := run.seconds_of(threads, tests=1000):
+        return 1000.0 / seconds
     return _SAMPLE / max(simulate_experiment(run, tests=_SAMPLE, seed=seed, threads=threads)[1], 1e-3)
 
 
 def _plan(natural: Experiment, stand_in: str, budget: float, seed: int, threads: int | None, begun: float) -> Plan:
     """Choose what fits into the time [s]."""
-    av, speed = natural.foreign, _measured(natural, seed, threads)
-    own = _DECISIONS / _DECISIONS_PER_SECOND if av is None else seconds_of(natural, threads, decisions=_DECISIONS)
+    av, speed = natural.asked, _measured(natural, seed, threads)
+    own = natural.seconds_of(threads, decisions=_DECISIONS) or _DECISIONS / _DECISIONS_PER_SECOND
     fits = int(_DECISIONS * TRAINING_SHARE * budget / own)
     against = None if av is None or fits >= _LEAST_DECISIONS else stand_in
     if av is None or against is not None:
         fits = int(_STAND_IN_SHARE * budget * _DECISIONS_PER_SECOND)
-    remembers = 1.0
-    if av is not None:
-        with av.lend_session() as session:
-            remembers = 3.5 if session.remembers else 1.0
-    trees = int((_NATURAL_UNTIL - _ATTACK_UNTIL) * budget * speed / remembers)
+    again = 3.5 if av is not None and av.remembers else 1.0
+    trees = int((_NATURAL_UNTIL - _ATTACK_UNTIL) * budget * speed / again)
     plain = int(_BASELINE_SHARE * budget * speed / _BASELINES)
     return Plan(
         stand_in=against,
         decisions=max(_FEWEST_DECISIONS, min(_DECISIONS, fits)),
         trees=trees if trees >= _TREES_LEAST else 0,
         baselines=min(plain, _MOST_BASELINE) if plain >= _LEAST_BASELINE else 0,
-        answer_seconds=None if av is None else av.pace.usual(av.batch) / av.batch,
+        answer_seconds=None if av is None else av.answer_seconds,
         batch=None if av is None else av.batch,
         processes=natural.processes(threads),
         tests_per_second=speed,
@@ -258,8 +254,7 @@ def _attack(
 ) -> Portion:  # fmt: skip
     """Drive a portion of the adversary's tests, and store its crashes in the library."""
     begun, tally = (_clock(), cpu_seconds()), Tally()
-    if run.foreign is not None:
-        run.foreign.keep_scripts()  # crashes are judged by what the AV answered
+    run.keep_scripts()  # crashes are judged by what the AV answered
     fill_library(
         run, library, seed=seed, tests=first + tests, threads=threads, resume=True, progress=progress,
         stage=f"cases ({first + tests} tests)", counting=True, tally=tally, tally_from=first,
@@ -281,8 +276,7 @@ def _drive_natural(
     run.warm_up()
     begun, tally, frames = (_clock(), cpu_seconds()), Tally(), 0
     crashed: list[int] = []
-    if run.foreign is not None:
-        run.foreign.keep_scripts()  # crashes will be stored as the AV drove
+    run.keep_scripts()  # crashes will be stored as the AV drove
     stage = f"natural tests ({first} before)"
     with moving(progress, run.answered(), 1.0 / answers_per_test(run.setting), stage, 0, tests) as told:
         for start, out, counts in simulate_chunks(
@@ -293,7 +287,7 @@ def _drive_natural(
             frames += int(out.frame.sum(dtype=np.int64))
             crashed += crashed_tests(start, out)
             told(stage, tally.tests + tally.av_faults, tests)
-    check_not_all_spoiled(run, tally.tests, tests)
+    run.check_not_all_spoiled(tally.tests, tests)
     return _portion(first, begun, tally, frames, crashed=tuple(crashed), strikes=0, avoidable=0)
 
 
@@ -384,14 +378,13 @@ def _not_found(plan: Plan, attacks: Sequence[Portion], natural: NaturalRate, mil
 
 def _tell_plan(plan: Plan, natural: Experiment, threads: int | None, hours: float) -> None:
     """Say what will be done with the time."""
-    speed = f"{natural.av.name} is built in" if natural.foreign is None else pace_text(natural, threads)
     against = "itself" if plan.stand_in is None else f"the stand-in {plan.stand_in}"
     if plan.stand_in is not None:
         against += f" (against the AV itself it would take about {spoken(plan.training_seconds)})"
-    tests = plan.tests_per_second * 3600.0 * hours
+    tests, rate = plan.tests_per_second * 3600.0 * hours, "by trees of tests" if plan.trees else "counted"
     announce(
-        f"{speed}: {spoken(3600.0 * hours)} are enough for about {tests:,.0f} tests to their ends. The adversary "
-        f"learns against {against}; the natural rate is {'by trees of tests' if plan.trees else 'counted'}."
+        f"{natural.pace_text(threads)}: {spoken(3600.0 * hours)} are enough for about {tests:,.0f} tests to their "
+        f"ends. The adversary learns against {against}; the natural rate is {rate}."
     )
 
 
@@ -411,7 +404,7 @@ def spend(
         CornerForgeError: Input, files or output place are not right, or the AV fails too often.
     """
     start, begun = time.perf_counter(), _clock()
-    if is_foreign(stand_in):
+    if AvSpec(stand_in).is_outside:
         raise InputError(f"stand_in = {stand_in!r} is not built in; name a built-in AV (cornerforge avs lists them).")
     limit = 3600.0 * hours
     unmasked = options.without_mask()

@@ -13,7 +13,7 @@ from cornerforge.execution import Rooms, in_order
 from cornerforge.execution.progress import Progress
 from cornerforge.experiment.av_file import av_of
 from cornerforge.experiment.setting import Experiment
-from cornerforge.foreign.loaders import is_foreign
+from cornerforge.foreign.spec import with_av
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.road.straight import along
 from cornerforge.sim import NATURAL, SUBSTEPS, Ending, Script, ScriptDriver
@@ -40,8 +40,7 @@ class StoredScripts:
     def __init__(self, cases: CaseLibrary, run: Experiment) -> None:
         # Where vehicles start depends on the gaps that the AV wants: those of the one that made the library.
         made_by = str(cases.identity["av"])
-        is_named = not (cases.scripted or is_foreign(made_by))  # scripts hold their starts
-        made = numbers_of_av(av_of(made_by if is_named else "idm-mobil"))
+        made = numbers_of_av(av_of("idm-mobil" if cases.scripted else made_by))  # scripts hold their starts
         self._starts = ScriptDriver(run.setting._replace(av=made), run.odd)
 
     def of(self, stored: StoredCase) -> Script:
@@ -72,7 +71,7 @@ class StoredScripts:
 
 def run_with(cases: CaseLibrary, options: WorldOptions, av: str) -> Experiment:
     """Build the experiment of a library with one of several AVs."""
-    return experiment_with(cases, options.with_av(av, is_foreign=is_foreign(av)))
+    return experiment_with(cases, with_av(options, av))
 
 
 def drive_as_recorded(

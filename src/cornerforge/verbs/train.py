@@ -16,12 +16,12 @@ from cornerforge.adversary.verdicts import count_paid, verdict_of
 from cornerforge.adversary.worlds import judge_crashes, judge_test, reward_numbers
 from cornerforge.errors import OutputError
 from cornerforge.execution.progress import NO_PROGRESS, Progress, moving
-from cornerforge.experiment.counting import CHUNK, check_not_all_spoiled, rate_summary
+from cornerforge.experiment.counting import CHUNK, rate_summary
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import check_new_file, code_hash, provenance, read_json_file, version, write_json
 from cornerforge.experiment.policy_file import Policy, load_policy, policy_hash, save_policy
 from cornerforge.experiment.setting import AV_LOG, Experiment, check_threads, experiment
-from cornerforge.foreign.driver import answers_per_second, answers_per_test
+from cornerforge.foreign.session import answers_per_second, answers_per_test
 from cornerforge.intervals import binomial_interval
 from cornerforge.ndd.model import model_hash
 from cornerforge.results import Trained
@@ -163,15 +163,16 @@ def learn(
     """Train on an experiment (`bounded` and `budget` give the mask), or go on from the checkpoint."""
     from cornerforge.adversary.train import train_adversary
 
-    run.rest()  # a training has processes of its own
+    setting = run.opened_setting
     answered = run.answered() if max_seconds is None else None
+    run.rest()  # a training has processes of its own
     each = 1.0 / answers_per_second(run.setting)
     with moving(progress, answered, each, "train", 0, config.decisions) as told:
         result = train_adversary(
-            run.setting,
+            setting,
             run.slots,
             config,
-            av=run.foreign,
+            av=run.asked,
             verdict=verdict_of(config.reward, run),
             seed=seed,
             threads=check_threads(threads),
@@ -185,7 +186,7 @@ def learn(
 
 def training_faults(run: Experiment) -> int:
     """Count the tests of a training that were abandoned because the foreign AV failed in them."""
-    return 0 if run.foreign is None else sum(test < EVALUATION_TESTS for _, test in run.foreign.faults)
+    return sum(test < EVALUATION_TESTS for _, test in run.faults)
 
 
 def evaluate(
@@ -212,9 +213,7 @@ def evaluate(
         progress: Told how far it is.
     """
     tally, crashed = Tally(), []
-    if run.foreign is not None:
-        run.foreign.keep_scripts()  # crashes are judged by what the AV answered
-        run.foreign.forget_scripts()
+    run.keep_scripts(anew=True)  # crashes are judged by what the AV answered
     each = 1.0 / answers_per_test(run.setting)
     with moving(progress, run.answered(), each, "evaluate", 0, tests) as told:
         for first, out, counts in simulate_chunks(
@@ -224,7 +223,7 @@ def evaluate(
             tally.add(out, counts)
             crashed += crashed_tests(first, out)
             told("evaluate", tally.tests + tally.av_faults, tests)
-    check_not_all_spoiled(run, tally.tests, tests)
+    run.check_not_all_spoiled(tally.tests, tests)
     strikes, avoidable = judge(run, seed, crashed, reward_numbers("avoidable", delay_s), check_threads(threads))
     counted = count_paid(run, seed, crashed, reward, check_threads(threads))
     run.rest()  # importing torch may keep frames, and what they hold, until memory is tidied
@@ -254,7 +253,7 @@ def judge(
     run: Experiment, seed: int, crashed: list[int], reward: RewardNumbers, threads: int
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Judge crashed tests: did the AV strike, would braking have avoided the crash? Bool (n,) each."""
-    if run.foreign is None:
+    if run.asked is None:
         return judge_crashes(run.setting, run.slots, seed=seed, tests=crashed, braking=reward.braking, threads=threads)
     recorder = run.recorder()
     judged = np.array(

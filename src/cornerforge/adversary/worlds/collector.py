@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from cornerforge.adversary.worlds import drive_bv_outside as outside
 from cornerforge.adversary.worlds.drive_bv import allocate_history
 from cornerforge.errors import AvFaultError
-from cornerforge.foreign.driver import Fault, ForeignAv, answers_per_second, seeds_of, usable
+from cornerforge.foreign.driver import Fault, ForeignAv
 from cornerforge.foreign.process import AvFailureError
+from cornerforge.foreign.session import answers_per_second, seeds_of, usable
 from cornerforge.sim import World, allocate_scratch, allocate_worlds, answer_width, keep_nothing, warn_of_left_out
 
 if TYPE_CHECKING:
@@ -211,7 +212,7 @@ class Group:
     def _answers_for(self, seats: NDArray[np.int64]) -> Carried:
         """Ask the AV once; first show it what it should have seen, if it did not."""
         if not self.is_in_step:
-            self._av.ask_once(self._session)  # the first answer has more time, which a hang must not get
+            self._session.ask_once()  # the first answer has more time, which a hang must not get
             if self._session.remembers:
                 self._show_again(seats)
         rows, worlds = self._rows, self._actors.worlds

@@ -170,7 +170,7 @@ class Batch(ABC):
         Raises:
             InputError: Threads or processes work on the worlds, and they cannot be copied.
         """
-        if self._pool is not None or self.run.foreign is not None:
+        if self._pool is not None or self.run.asked is not None:
             raise InputError(
                 "An environment with several threads, or with an AV from outside, cannot be copied; make another one."
             )
@@ -296,17 +296,17 @@ class BvBatch(Batch):
     ) -> None:  # fmt: skip
         self._agents = agents.allocate_bv_agents(n, run.slots)
         super().__init__(run, n, threads, cores, self._agents)
-        self._setting = run.setting.with_drivers(critical=TOLD)
+        self._setting = run.opened_setting.with_drivers(critical=TOLD)
         self._pays = reward
         self._cases = None if verdict is None else CrashCases(self._setting, run.slots, verdict)
         done = allocate_history(n, run.setting, run.slots)
         scratch = (allocate_history(0, run.setting, run.slots) for _ in self._parts[1:])
         self._histories = [done, *(own._replace(action=done.action, crashed=done.crashed) for own in scratch)]
         self._outside = None
-        if run.foreign is not None:
+        if run.asked is not None:
             none = np.zeros((n, 0), dtype=np.float32), self._agents.allowed, np.zeros(1, dtype=FINISHED)
             actors = Actors(self._agents.worlds, done, *none)
-            self._outside = Group(run.foreign, self._setting, run.slots, actors, np.arange(n), n)
+            self._outside = Group(run.asked, self._setting, run.slots, actors, np.arange(n), n)
         self.observation, self.allowed, self.reward = (
             self._agents.observation,
             self._agents.allowed,
@@ -329,9 +329,9 @@ class BvBatch(Batch):
     def close(self) -> None:
         """End the threads, and the processes of an AV from outside."""
         super().close()
-        if self._outside is not None and self.run.foreign is not None:
+        if self._outside is not None:
             self._outside.close()
-            self.run.foreign.close()
+        self.run.rest()
 
     def _start(self, chosen: NDArray[np.bool_]) -> None:
         self._agents.chosen[:] = chosen

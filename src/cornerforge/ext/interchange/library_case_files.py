@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.errors import CornerForgeError
 from cornerforge.experiment.setting import Experiment
-from cornerforge.foreign.loaders import is_foreign
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.case_file import CaseFile, Happened
 from cornerforge.library.out_case import Fact
@@ -44,10 +43,8 @@ class CaseFilesOf:
 
     def _maker(self) -> Experiment | None:
         """The run that made the library; None if its AV is from outside or not at hand."""
-        if is_foreign(self._av) or self._av == SEVERAL:
-            return None
         try:
-            return experiment_of(self._cases)
+            return experiment_of(self._cases, takes_foreign=False)
         except CornerForgeError:
             return None
 

@@ -294,8 +294,7 @@ class Bench:
     def _judge(self, run: Experiment, label: str) -> dict[str, Any]:
         tests = self.size.tests
         run.warm_up()
-        if run.foreign is not None:
-            run.foreign.keep_scripts()  # crashes are judged by what the AV answered
+        run.keep_scripts()  # crashes are judged by what the AV answered
         tally, crashed = Tally(), []
         for start, outcomes, counts in simulate_chunks(
             run.setting, run.slots, seed=self.seed, first=EVALUATION_TESTS, tests=tests,

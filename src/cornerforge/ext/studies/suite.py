@@ -21,7 +21,7 @@ from cornerforge.experiment.output import check_new_folder, code_hash, config_ha
 from cornerforge.experiment.setting import Experiment, check_threads
 from cornerforge.ext.studies.options import SuiteBuild
 from cornerforge.ext.studies.suite_choice import LeftOut, choose, leave_one_out, rank_agreement
-from cornerforge.foreign.loaders import is_foreign
+from cornerforge.foreign.spec import with_av
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.library.filling import MODEL_FILE
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
@@ -171,8 +171,7 @@ def _maker(cases: CaseLibrary, options: WorldOptions) -> Experiment:
         CornerForgeError: Its AV, model or policy is not the one that made it.
     """
     av = str(cases.identity.get("av", ""))
-    asked = options.with_av(av, is_foreign=is_foreign(av))
-    return experiment_of(cases, asked)
+    return experiment_of(cases, with_av(options, av))
 
 
 def _check_fit(sources: Sequence[CaseLibrary], makers: Sequence[Experiment]) -> None:

@@ -13,7 +13,6 @@ from cornerforge._checks import check_integer
 from cornerforge._options import verb
 from cornerforge.errors import InputError
 from cornerforge.execution.progress import Progress
-from cornerforge.experiment.counting import check_not_all_spoiled
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.setting import Experiment, check_threads, experiment
 from cornerforge.ext.studies.options import Variety
@@ -113,7 +112,7 @@ def _generated_row(run: Experiment, name: str, tests: int, seed: int, threads: i
         sizes.append(np.stack([harvested.cases.column(f"bv_{side}_m").to_numpy() for side in ("length", "width")]))
         valid += int((harvested.outcomes.code != AV_FAULT).sum())
         progress(f"variety ({name})", done, tests)
-    check_not_all_spoiled(run, valid, tests)
+    run.check_not_all_spoiled(valid, tests)
     pose, partner = np.concatenate(poses), np.concatenate(sizes, axis=1)
     of_car = (run.odd.vehicle_length, run.odd.vehicle_width)
     size = tuple(np.stack([np.full(len(pose), car), bv], axis=1) for car, bv in zip(of_car, partner, strict=True))

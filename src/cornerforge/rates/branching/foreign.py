@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from cornerforge.errors import AvFaultError
 from cornerforge.execution import is_given_up
-from cornerforge.foreign.driver import ForeignAv, seeds_of, usable
+from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.process import AvFailureError
-from cornerforge.foreign.session import AvSession
+from cornerforge.foreign.session import AvSession, seeds_of, usable
 from cornerforge.rates.branching import schedule
 from cornerforge.rates.branching.population import Population
 from cornerforge.sim import answer_width

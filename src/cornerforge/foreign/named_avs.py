@@ -16,6 +16,7 @@ from pathlib import Path
 
 from cornerforge._files import writing
 from cornerforge.errors import InputError, OutputError
+from cornerforge.foreign.spec import AvSpec
 
 __all__ = ["check_named", "remember"]
 
@@ -57,12 +58,12 @@ def remember(spec: str) -> None:
 
 
 def check_named(spec: str, library: Path) -> None:
-    """Check that the user has named an AV from outside before a library lets it start.
+    """Check that the user has named an AV before a library lets it start, unless it is built in.
 
     Raises:
-        InputError: Nobody has, in this folder.
+        InputError: It is from outside and was not named in this folder.
     """
-    if _line(spec) not in _known():
+    if AvSpec(spec).is_outside and _line(spec) not in _known():
         raise InputError(
             f"{library} was made by an AV from outside, {spec!r}, which you have not named in this folder, so it is "
             f"not started. If you trust it: cornerforge check-av {shlex.quote(spec)}, then again."
