@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -188,17 +189,17 @@ def test_judged_in_bulk_as_from_the_recording(model: NddModel, seed: int) -> Non
     setting, slots = setting_of(model, odd, adversary="swerve"), n_slots(odd)
     chunks = simulate_chunks(setting, slots, seed=seed, first=0, tests=150, threads=2)
     tests = [test for first, out, _ in chunks for test in crashed_tests(first, out)]
-    braking = Braking(1.0, 8.0)
-    _, avoidable = judge_crashes(setting, slots, seed=seed, tests=tests, braking=braking, threads=2)
-    recorder = Recorder(setting, odd)
+    braking, recording = Braking(1.0, 8.0), partial(Recorder, setting, odd)
+    _, avoidable = judge_crashes(recording, setting, seed=seed, tests=tests, braking=braking, threads=2)
+    recorder = recording()
     assert avoidable.tolist() == [avoidable_by_braking(recorder.record(seed, test)) for test in tests]
     assert 0 < avoidable.sum() < len(tests)
-    again = judge_crashes(setting, slots, seed=seed, tests=tests[::-1], braking=braking)[1]
+    again = judge_crashes(recording, setting, seed=seed, tests=tests[::-1], braking=braking)[1]
     assert again.tolist() == avoidable.tolist()[::-1]  # nothing is left over from the test before
 
 
 def test_a_test_without_a_crash_and_no_tests_are_judged_too(model: NddModel) -> None:
-    setting, slots = setting_of(model), n_slots(Odd())
-    braking = Braking(1.0, 8.0)
-    assert not any(part.any() for part in judge_crashes(setting, slots, seed=0, tests=[0, 1], braking=braking))
-    assert all(part.size == 0 for part in judge_crashes(setting, slots, seed=0, tests=[], braking=braking))
+    setting, braking = setting_of(model), Braking(1.0, 8.0)
+    recording = partial(Recorder, setting, Odd())
+    assert not any(part.any() for part in judge_crashes(recording, setting, seed=0, tests=[0, 1], braking=braking))
+    assert all(part.size == 0 for part in judge_crashes(recording, setting, seed=0, tests=[], braking=braking))

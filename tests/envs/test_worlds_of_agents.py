@@ -149,7 +149,7 @@ def test_the_adversary_is_paid_as_its_crashes_are_judged(reward: str, reckless: 
     crashed = np.flatnonzero(batch.outcome == AV_CRASH)
     run = experiment(model=reckless, bv="swerve")
     strikes, avoidable = judge_crashes(
-        run.setting, run.slots, seed=SEED, tests=crashed.tolist(), braking=reward_numbers(reward, 0.3).braking
+        run.recorder, run.setting, seed=SEED, tests=crashed.tolist(), braking=reward_numbers(reward, 0.3).braking
     )
     by_case = judge_by_case(run, SEED, crashed.tolist(), reward, 1)
     in_kernels = {"crash": np.ones(crashed.size, np.bool_), "striking": strikes, "avoidable": avoidable}

@@ -58,7 +58,6 @@ if TYPE_CHECKING:
     from cornerforge.sim.av_kinds import DECIDES_EVERY, built_in_av_decides
     from cornerforge.sim.av_view import AV_VIEW_VERSION, VIEW_COLUMNS, VIEW_ROWS
     from cornerforge.sim.chances import action_probabilities, allocate_starter_scratch, lane_wishes, return_chance
-    from cornerforge.sim.drive import drive_test
     from cornerforge.sim.harvest import Buffers, Harvest, allocate_harvest, harvest_range, is_full, keep_driven
     from cornerforge.sim.keep import (
         Keep,
@@ -161,7 +160,7 @@ __all__ = [
     "allocate_scratch", "allocate_starter_scratch", "allocate_windows", "allocate_worlds", "answer_as_av",
     "answer_as_bv", "answer_width", "arrays_of", "av_decide", "av_order", "av_scene", "average_traits", "bicycle",
     "branch_of", "bring_up_to_date", "budget_units", "built_in_av_decides", "case_of", "cast_of", "choose_action",
-    "copy_of", "crashed_tests", "drive_chunk", "drive_chunk_by_window", "drive_test", "forget_frames", "go_on",
+    "copy_of", "crashed_tests", "drive_chunk", "drive_chunk_by_window", "forget_frames", "go_on",
     "harvest_range", "hold", "is_full", "is_outside", "keep_driven", "keep_nothing", "keep_whole_test",
     "lane_wishes", "lockstep", "look_as_av", "look_as_bv", "moment_of", "move_vehicle", "n_slots", "naming_tests",
     "nearest_action", "neighbours_in_lane", "ordered_lane", "packed", "path_of", "rails_of", "reset_world",
@@ -204,7 +203,6 @@ _PLACES: dict[str, tuple[str, ...]] = {
         "simulate", "Tally", "simulate_chunks", "DriveChunk", "drive_chunk", "drive_chunk_by_window", "crashed_tests",
         "warm_up",
     ),
-    "drive": ("drive_test", ),
     "scripted": (
         "Script", "ScriptDriver", "Ending", "NATURAL", "START_FIELDS", "TRAITS", "average_traits",
         "scripted_start",

@@ -13,7 +13,7 @@ from cornerforge._options import verb
 from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.verdicts import count_paid, verdict_of
-from cornerforge.adversary.worlds import judge_crashes, judge_test, reward_numbers
+from cornerforge.adversary.worlds import judge_crashes, reward_numbers
 from cornerforge.errors import OutputError
 from cornerforge.execution.progress import NO_PROGRESS, Progress, moving
 from cornerforge.experiment.counting import CHUNK, rate_summary
@@ -253,13 +253,8 @@ def judge(
     run: Experiment, seed: int, crashed: list[int], reward: RewardNumbers, threads: int
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Judge crashed tests: did the AV strike, would braking have avoided the crash? Bool (n,) each."""
-    if run.asked is None:
-        return judge_crashes(run.setting, run.slots, seed=seed, tests=crashed, braking=reward.braking, threads=threads)
-    recorder = run.recorder()
-    judged = np.array(
-        [judge_test(recorder, run.setting, seed, test, reward.braking) for test in crashed], dtype=np.bool_
-    ).reshape(-1, 2)
-    return judged[:, 0], judged[:, 1]
+    n = run.processes(threads)
+    return judge_crashes(run.recorder, run.setting, seed=seed, tests=crashed, braking=reward.braking, threads=n)
 
 
 def measure_baselines(

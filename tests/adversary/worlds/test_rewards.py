@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from hand_built import setting_of
@@ -26,6 +28,7 @@ from cornerforge.ndd.model import NddModel
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import drive_chunk
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import ADVERSARIES, TOLD
@@ -135,10 +138,10 @@ def test_collect_pays_as_tests_judged_apart(name: str, adversary: str, model: Nd
         assert not out.reward[~out.end].any()
         rewards |= dict(zip(before[out.end].tolist(), out.reward[out.end].tolist(), strict=True))
     assert actors.finished["tests"][0] == len(rewards) > 2 * n
-    expected = {}
+    expected, recorder = {}, partial(Recorder, setting, odd)
     for test in rewards:
         outcome, _ = drive_chunk(setting, slots, seed, test, 1, False)
-        struck, avoidable = judge_crashes(setting, slots, seed=seed, tests=[test], braking=Braking(1.0, 8.0))
+        struck, avoidable = judge_crashes(recorder, setting, seed=seed, tests=[test], braking=Braking(1.0, 8.0))
         paid = {"crash": True, "striking": bool(struck[0]), "avoidable": bool(avoidable[0])}[name]
         expected[test] = float(paid) if outcome.code[0] == AV_CRASH else -float(outcome.code[0] == BV_CRASH)
     assert rewards == expected

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
         collect,
         start_worlds,
     )
-    from cornerforge.adversary.worlds.judge import judge_crashes, judge_test
+    from cornerforge.adversary.worlds.judge import judge_crashes
     from cornerforge.adversary.worlds.rewards import (
         REWARDS,
         RewardNumbers,
@@ -47,7 +47,7 @@ __all__ = [
     "AV_DECISIONS", "FINISHED", "HOSTILE", "REWARDS", "Actors", "AvReward", "CrashCases", "Exploring",
     "ForeignCollector", "Group", "RewardNumbers", "Transitions", "Verdict", "agents", "allocate_actors",
     "allocate_av_actors", "allocate_history", "collect", "collect_av", "driver_of_reward", "judge_crashes",
-    "judge_test", "reward_named", "reward_numbers", "start_av_worlds", "start_worlds",
+    "reward_named", "reward_numbers", "start_av_worlds", "start_worlds",
 ]  # fmt: skip
 
 _PLACES: dict[str, tuple[str, ...]] = {
@@ -59,7 +59,7 @@ _PLACES: dict[str, tuple[str, ...]] = {
         "FINISHED", "Actors", "Exploring", "Transitions", "allocate_actors", "allocate_history", "collect",
         "start_worlds",
     ),
-    "judge": ("judge_crashes", "judge_test"),
+    "judge": ("judge_crashes",),
     "rewards": ("REWARDS", "RewardNumbers", "driver_of_reward", "reward_named", "reward_numbers"),
 }  # fmt: skip
 """By module, the names that it gives; modules that are given as a whole stand under the empty name."""
