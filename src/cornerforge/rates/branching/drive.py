@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,7 @@ from cornerforge.sim import (
     warn_of_left_out,
 )
 
-__all__ = ["BUILT_IN_TREES", "DrivenTrees", "Noted", "TrainingTable", "TreeDriver", "drive_trees"]
+__all__ = ["BUILT_IN_TREES", "DrivenTrees", "TrainingTable", "TreeDriver", "Watched", "drive_trees"]
 
 _ARRAYS = ("trees", "crashes", "actions")
 _ROWS = 400
@@ -86,51 +86,38 @@ class DrivenTrees:
     strayed: int
 
 
-class Noted(Protocol):
-    """Record of an AV from outside: `foreign.Watched`."""
+@dataclass(frozen=True)
+class Watched:
+    """Record of an AV from outside while trees were driven.
 
-    @property
-    def answers(self) -> NDArray[np.float64]:
-        """Answers on the way to each crash."""
+    Attributes:
+        answers: What it answered on the way to each crash, in the order of the crashes, (K, A, W); NaN after the last.
+        asked: Answers, also those asked for once more, for copies.
+        strayed: Those of the latter that were others than before.
+    """
 
-    @property
-    def asked(self) -> int:
-        """How often it was asked."""
-
-    @property
-    def again(self) -> int:
-        """How often it was asked once more, for copies."""
-
-    @property
-    def strayed(self) -> int:
-        """How often it then answered otherwise."""
+    answers: NDArray[np.float64]
+    asked: int
+    strayed: int
 
 
-class TreeDriver(Protocol):
-    """Drives trees."""
+class TreeDriver:
+    """Drives trees of an AV of the kernels, one after the other.
 
-    @property
-    def places(self) -> int:
-        """Trees that are driven side by side."""
-
-    @property
-    def chunk(self) -> int:
-        """Trees of one call; what comes out does not depend on it but for the samples that are picked."""
-
-    def __call__(self, seed: int, first: int, population: Population, trees: NDArray[np.void]) -> Noted | None:
-        """Drive the trees of tests first, first + 1, ..., one for each of `trees`, with the population."""
-
-
-class _BuiltInTrees:
-    """Trees of an AV of the kernels, one after the other."""
+    Attributes:
+        places: Trees that are driven side by side.
+        chunk: Trees of one call; what comes out does not depend on it but for the samples that are picked.
+    """
 
     places, chunk = 1, 250
 
-    def __call__(self, seed: int, first: int, population: Population, trees: NDArray[np.void]) -> None:
+    def __call__(self, seed: int, first: int, population: Population, trees: NDArray[np.void]) -> Watched:
+        """Drive the trees of tests first, first + 1, ..., one for each of `trees`, with the population."""
         drive_tree_range(seed, first, population, trees)
+        return Watched(np.zeros((int(population.terminal.used[0]), 0, 2)), 0, 0)
 
 
-BUILT_IN_TREES: TreeDriver = _BuiltInTrees()
+BUILT_IN_TREES = TreeDriver()
 """For AVs of the kernels."""
 
 
@@ -192,9 +179,7 @@ def drive_trees(
             crashes, actions = terminal.crashes[:found].copy(), terminal.actions[:found].copy()
             rng = np.random.Generator(np.random.Philox(key=[seed, start]))
             table = _table(log, rng) if learning else None
-        if noted is None:
-            return DrivenTrees(trees, crashes, actions, np.zeros((found, 0, 2)), table, 0.0, 0, 0)
-        return DrivenTrees(trees, crashes, actions, noted.answers, table, 0.0, noted.asked + noted.again, noted.strayed)
+        return DrivenTrees(trees, crashes, actions, noted.answers, table, 0.0, noted.asked, noted.strayed)
 
     parts: list[DrivenTrees] = []
     done, begun = 0, cpu_seconds()

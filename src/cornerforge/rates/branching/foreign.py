@@ -20,29 +20,14 @@ from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.process import AvFailureError
 from cornerforge.foreign.session import AvSession, seeds_of, usable
 from cornerforge.rates.branching import schedule
+from cornerforge.rates.branching.drive import TreeDriver, Watched
 from cornerforge.rates.branching.population import Population
 from cornerforge.sim import answer_width
 
-__all__ = ["ForeignTrees", "Watched"]
+__all__ = ["ForeignTrees"]
 
 _NOTHING = -1
 _PLACES = 64
-
-
-@dataclass(frozen=True)
-class Watched:
-    """Record of an AV while trees were driven.
-
-    Attributes:
-        answers: What it answered on the way to each crash, in the order of the crashes, (K, A, W); NaN after the last.
-        asked, again: Answers that worlds were driven with; answers asked for once more, for copies.
-        strayed: Those of the latter that were others than before.
-    """
-
-    answers: NDArray[np.float64]
-    asked: int
-    again: int
-    strayed: int
 
 
 class _Past:
@@ -126,8 +111,8 @@ class _Seats:
         self.free.update(dict.fromkeys(seats.tolist()))
 
 
-class ForeignTrees:
-    """Drives the trees of a foreign AV (`drive.TreeDriver`).
+class ForeignTrees(TreeDriver):
+    """Drives the trees of a foreign AV.
 
     Args:
         av: The AV.
@@ -169,7 +154,7 @@ class _Driving:
         self._seats = _Seats(none, none.copy(), np.zeros(size, dtype=np.bool_))
         self._seats.free.update(dict.fromkeys(range(size)))
         self._answers: list[NDArray[np.float64]] = []
-        self._asked = self._again = self._strayed = 0
+        self._asked = self._strayed = 0
 
     def drive(self) -> Watched:
         started, free = 0, np.arange(self._schedule.tree.size)
@@ -197,7 +182,7 @@ class _Driving:
         answers = np.full((len(self._answers), most, self._width), np.nan)
         for k, own in enumerate(self._answers):
             answers[k, : len(own)] = own
-        return Watched(answers, self._asked, self._again, self._strayed)
+        return Watched(answers, self._asked, self._strayed)
 
     def _note_crashes(self) -> None:
         """Note the answers that led to each new crash."""
@@ -247,7 +232,7 @@ class _Driving:
 
     def _go_over(self, shown: NDArray[np.int64], moments: NDArray[np.int64], answers: NDArray[np.float64]) -> None:
         """Note that the AV was shown past moments again."""
-        self._again += shown.size
+        self._asked += shown.size
         self._strayed += int((answers[shown] != self._past.answer[moments]).any(axis=1).sum())
         for seat in shown.tolist():
             self._seats.replay[seat].pop(0)
