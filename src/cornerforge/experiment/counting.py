@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from typing import Any, get_args
 
 from cornerforge._checks import check_integer
@@ -13,10 +14,10 @@ from cornerforge.intervals import binomial_interval
 from cornerforge.results import Simulated, from_json
 from cornerforge.results.driving import Distributions, Quantity, TtcLimit
 from cornerforge.results.rates import Rate
-from cornerforge.sim import Tally, simulate_chunks, statistics
+from cornerforge.sim import Outcomes, Tally, simulate_chunks, statistics
 from cornerforge.types import METRES_PER_MILE
 
-__all__ = ["CHUNK", "distributions_of", "rate_summary", "simulate_experiment", "tally_summary"]
+__all__ = ["CHUNK", "distributions_of", "drive_tests", "rate_summary", "simulate_experiment", "tally_summary"]
 
 
 CHUNK = 512
@@ -76,6 +77,26 @@ def tally_summary(tally: Tally, seconds: float, *, with_distributions: bool) -> 
     )
 
 
+def drive_tests(
+    run: Experiment, tally: Tally, stage: str, *, seed: int, first: int, tests: int, threads: int | None,
+    progress: Progress, counting: bool = False,
+) -> Iterator[tuple[int, Outcomes]]:  # fmt: skip
+    """Drive tests of an experiment, add them to a tally, and yield the first test and the outcomes of each range.
+
+    Raises:
+        AvFaultError: The foreign AV failed in all tests, or in too many.
+    """
+    with moving(progress, run.answered(), 1.0 / answers_per_test(run.setting), stage, 0, tests) as told:
+        for start, out, counts in simulate_chunks(
+            run.setting, run.slots, seed=seed, first=first, tests=tests, threads=run.processes(threads),
+            counting=counting, chunk=run.range_size(CHUNK, tests, threads), drive=run.drive,
+        ):  # fmt: skip
+            tally.add(out, counts)
+            told(stage, tally.tests + tally.av_faults, tests)
+            yield start, out
+    run.check_not_all_spoiled(tally.tests, tests)
+
+
 def simulate_experiment(
     run: Experiment,
     *,
@@ -91,21 +112,9 @@ def simulate_experiment(
     check_integer("seed", seed, low=0, high=2**63 - 1)
     check_integer("tests", tests, low=1, high=10**12)
     run.warm_up()
-    start = time.perf_counter()
-    tally, each = Tally(), 1.0 / answers_per_test(run.setting)
-    with moving(progress, run.answered(), each, stage, 0, tests) as told:
-        for _, out, counts in simulate_chunks(
-            run.setting,
-            run.slots,
-            seed=seed,
-            first=first,
-            tests=tests,
-            threads=run.processes(threads),
-            counting=counting,
-            chunk=run.range_size(CHUNK, tests, threads),
-            drive=run.drive,
-        ):
-            tally.add(out, counts)
-            told(stage, tally.tests + tally.av_faults, tests)
-    run.check_not_all_spoiled(tally.tests, tests)
+    start, tally = time.perf_counter(), Tally()
+    for _ in drive_tests(
+        run, tally, stage, seed=seed, first=first, tests=tests, threads=threads, progress=progress, counting=counting
+    ):
+        pass
     return tally, time.perf_counter() - start

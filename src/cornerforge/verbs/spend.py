@@ -24,13 +24,12 @@ from cornerforge.adversary.verdicts import count_paid
 from cornerforge.adversary.worlds import reward_numbers
 from cornerforge.errors import InputError
 from cornerforge.execution import cpu_seconds
-from cornerforge.execution.progress import Progress, moving
-from cornerforge.experiment.counting import CHUNK, rate_summary, simulate_experiment
+from cornerforge.execution.progress import Progress
+from cornerforge.experiment.counting import drive_tests, rate_summary, simulate_experiment
 from cornerforge.experiment.output import code_hash, config_hash, open_output, version
 from cornerforge.experiment.policy_file import load_policy
 from cornerforge.experiment.setting import AV_LOG, Experiment, check_threads, experiment
 from cornerforge.foreign.pace import announce
-from cornerforge.foreign.session import answers_per_test
 from cornerforge.foreign.spec import AvSpec
 from cornerforge.intervals import binomial_interval
 from cornerforge.library import CaseLibrary
@@ -40,7 +39,7 @@ from cornerforge.rates.monte_carlo import Block, MonteCarlo
 from cornerforge.rates.plain import PlainTests
 from cornerforge.results import Analysed, NaturalRate, RunDone, Simulated
 from cornerforge.results.whole import Spending, SpentOn
-from cornerforge.sim import Tally, crashed_tests, simulate_chunks, statistics
+from cornerforge.sim import Tally, crashed_tests, statistics
 from cornerforge.types import FRAME_S, METRES_PER_MILE
 from cornerforge.verbs.analyse import analyse
 from cornerforge.verbs.rate import PLAIN_TESTS, rate
@@ -277,17 +276,12 @@ def _drive_natural(
     begun, tally, frames = (_clock(), cpu_seconds()), Tally(), 0
     crashed: list[int] = []
     run.keep_scripts()  # crashes will be stored as the AV drove
-    stage = f"natural tests ({first} before)"
-    with moving(progress, run.answered(), 1.0 / answers_per_test(run.setting), stage, 0, tests) as told:
-        for start, out, counts in simulate_chunks(
-            run.setting, run.slots, seed=seed, first=first, tests=tests, threads=run.processes(threads),
-            counting=True, chunk=run.range_size(CHUNK, tests, threads), drive=run.drive,
-        ):  # fmt: skip
-            tally.add(out, counts)
-            frames += int(out.frame.sum(dtype=np.int64))
-            crashed += crashed_tests(start, out)
-            told(stage, tally.tests + tally.av_faults, tests)
-    run.check_not_all_spoiled(tally.tests, tests)
+    for start, out in drive_tests(
+        run, tally, f"natural tests ({first} before)", seed=seed, first=first, tests=tests, threads=threads,
+        progress=progress, counting=True,
+    ):  # fmt: skip
+        frames += int(out.frame.sum(dtype=np.int64))
+        crashed += crashed_tests(start, out)
     return _portion(first, begun, tally, frames, crashed=tuple(crashed), strikes=0, avoidable=0)
 
 

@@ -16,18 +16,18 @@ from cornerforge.adversary.verdicts import count_paid, verdict_of
 from cornerforge.adversary.worlds import judge_crashes, reward_numbers
 from cornerforge.errors import OutputError
 from cornerforge.execution.progress import NO_PROGRESS, Progress, moving
-from cornerforge.experiment.counting import CHUNK, rate_summary
+from cornerforge.experiment.counting import drive_tests, rate_summary
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import check_new_file, code_hash, provenance, read_json_file, version, write_json
 from cornerforge.experiment.policy_file import Policy, load_policy, policy_hash, save_policy
 from cornerforge.experiment.setting import AV_LOG, Experiment, check_threads, experiment
-from cornerforge.foreign.session import answers_per_second, answers_per_test
+from cornerforge.foreign.session import answers_per_second
 from cornerforge.intervals import binomial_interval
 from cornerforge.ndd.model import model_hash
 from cornerforge.results import Trained
 from cornerforge.results.learning import Baseline
 from cornerforge.results.rates import Yield
-from cornerforge.sim import ADVERSARIES, NO_CAST, Tally, crashed_tests, simulate_chunks
+from cornerforge.sim import ADVERSARIES, NO_CAST, Tally, crashed_tests
 from cornerforge.verbs.options.learning import Train
 
 if TYPE_CHECKING:
@@ -214,16 +214,10 @@ def evaluate(
     """
     tally, crashed = Tally(), []
     run.keep_scripts(anew=True)  # crashes are judged by what the AV answered
-    each = 1.0 / answers_per_test(run.setting)
-    with moving(progress, run.answered(), each, "evaluate", 0, tests) as told:
-        for first, out, counts in simulate_chunks(
-            run.setting, run.slots, seed=seed, first=EVALUATION_TESTS, tests=tests, threads=run.processes(threads),
-            chunk=run.range_size(CHUNK, tests, threads), drive=run.drive,
-        ):  # fmt: skip
-            tally.add(out, counts)
-            crashed += crashed_tests(first, out)
-            told("evaluate", tally.tests + tally.av_faults, tests)
-    run.check_not_all_spoiled(tally.tests, tests)
+    for first, out in drive_tests(
+        run, tally, "evaluate", seed=seed, first=EVALUATION_TESTS, tests=tests, threads=threads, progress=progress
+    ):
+        crashed += crashed_tests(first, out)
     strikes, avoidable = judge(run, seed, crashed, reward_numbers("avoidable", delay_s), check_threads(threads))
     counted = count_paid(run, seed, crashed, reward, check_threads(threads))
     run.rest()  # importing torch may keep frames, and what they hold, until memory is tidied

@@ -16,13 +16,13 @@ from cornerforge.analysis.crash_types import CRASH_TYPES, STRIKERS
 from cornerforge.analysis.mechanism import crash_types_of
 from cornerforge.drivers.avs import AVS, av_hash
 from cornerforge.execution.progress import Progress
-from cornerforge.experiment.counting import rate_summary, simulate_experiment
+from cornerforge.experiment.counting import drive_tests, rate_summary, simulate_experiment
 from cornerforge.experiment.output import code_hash, read_json_file, write_json
 from cornerforge.experiment.policy_file import Policy, load_policy, policy_hash, save_policy
 from cornerforge.experiment.setting import Experiment, check_threads, experiment
 from cornerforge.ndd.model import model_hash
 from cornerforge.results import as_json
-from cornerforge.sim import Tally, crashed_tests, simulate_chunks
+from cornerforge.sim import Tally, crashed_tests
 from cornerforge.verbs.train import (
     EVALUATION_TESTS,
     checkpoint_beside,
@@ -296,13 +296,11 @@ class Bench:
         run.warm_up()
         run.keep_scripts()  # crashes are judged by what the AV answered
         tally, crashed = Tally(), []
-        for start, outcomes, counts in simulate_chunks(
-            run.setting, run.slots, seed=self.seed, first=EVALUATION_TESTS, tests=tests,
-            threads=run.processes(self.threads), chunk=run.range_size(128, tests, self.threads), drive=run.drive,
+        for start, outcomes in drive_tests(
+            run, tally, f"evaluate ({label})", seed=self.seed, first=EVALUATION_TESTS, tests=tests,
+            threads=self.threads, progress=self.progress,
         ):  # fmt: skip
-            tally.add(outcomes, counts)
             crashed += crashed_tests(start, outcomes)
-            self.progress(f"evaluate ({label})", tally.tests, tests)
         struck, avoidable = judge(run, self.seed, crashed, reward_numbers("avoidable"), self.threads)
         return {
             **as_json(rate_summary(tally.av_crashes, tally.tests, tally.miles)),
