@@ -1,4 +1,4 @@
-"""Tests with a foreign AV: batches are driven in lockstep, and faults are traced to single tests."""
+"""AVs from outside: their processes are opened, lent and ended here, their faults and answers are kept."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,28 +18,25 @@ from numpy.typing import NDArray
 from cornerforge.errors import AvFaultError
 from cornerforge.foreign.answers import controller_of
 from cornerforge.foreign.av_log import AvLog
+from cornerforge.foreign.bulk import Fault, RangeOfTests
 from cornerforge.foreign.interpreter import AT_WORK
 from cornerforge.foreign.named_avs import remember
-from cornerforge.foreign.pace import MOST_WORLDS, Pace, announce, choose_batch
+from cornerforge.foreign.pace import MOST_WORLDS, Pace, choose_batch
 from cornerforge.foreign.process import FIRST_TIMEOUT, AvFailureError, AvProcess
-from cornerforge.foreign.session import AvSession, Steps, answers_per_second, context_of, seeds_of, usable
+from cornerforge.foreign.session import (
+    AvSession,
+    Steps,
+    context_of,
+    seeds_of,
+)
 from cornerforge.foreign.spec import AvSpec
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import (
-    AV_CRASH,
-    AV_FAULT,
     Outcomes,
     Setting,
-    allocate_outcomes,
-    allocate_scratch,
     answer_width,
-    keep_nothing,
     lockstep,
-    naming_tests,
     statistics,
-    warn_of_left_out,
-    world_of,
-    write_outcome,
 )
 from cornerforge.types import Odd
 
@@ -50,38 +47,6 @@ MAX_FAULTS = 20
 MAX_HANGS = 5
 """Number of faults by hanging that ends a run."""
 _KEPT_SCRIPTS = 20_000
-
-
-@dataclass(frozen=True)
-class Fault:
-    """A test that does not count, because the AV failed in it.
-
-    Attributes:
-        test: Number of the test.
-        what: "raised", "answer" (it was not usable), "left" (the AV left the road), "hung" or "ended" (the AV's process
-            did).
-        message: Rest of a sentence that begins with the AV's name.
-    """
-
-    test: int
-    what: str
-    message: str
-
-
-class _SpoiledError(Exception):
-    """The AV failed while a group of tests was driven.
-
-    Args:
-        what, message: As in `Fault`.
-        suspects: Tests that were being driven.
-        left: Other tests of the group that must be driven (again).
-        certain: It is known that every suspect is a fault.
-    """
-
-    def __init__(self, what: str, message: str, suspects: list[int], left: list[int], *, certain: bool) -> None:
-        super().__init__(message)
-        self.what, self.message = what, message
-        self.suspects, self.left, self.certain = suspects, left, certain
 
 
 class _Starter:
@@ -296,51 +261,12 @@ class ForeignAv:
         Raises:
             AvFaultError: There are too many faults.
         """
-        census = statistics.census_of(counting)
-        out, total = allocate_outcomes(count), statistics.allocate_counts()
-        groups = [list(range(first, first + count))] if count else []
         with self.lend_session(count, float(setting.av.idm.desired_speed)) as session:
-            while groups:
-                group = groups.pop()
-                is_fresh = session.is_fresh
-                counts = statistics.allocate_counts()
-                try:
-                    self._drive(session, setting, slots, seed, group, first, census, out, counts)
-                except _SpoiledError as spoiled:
-                    if len(group) == 1 and not (is_fresh or spoiled.certain):  # what was before may be to blame
-                        session.drop()
-                        groups.append(group)
-                    else:
-                        groups += self._narrow(spoiled, group, seed, first, out)
-                    if census.on:
-                        continue
-                if census.on:
-                    total.add(counts)
+            census = statistics.census_of(counting)
+            tests = RangeOfTests(self, session, self.steering(setting), slots, seed, first, count, census)
+            counts = tests.drive()
         self.note_driven(count)
-        return out, total
-
-    def _narrow(
-        self, spoiled: _SpoiledError, group: list[int], seed: int, first: int, out: Outcomes
-    ) -> list[list[int]]:
-        """Note faults that are certain, and return the groups of tests to drive next."""
-        suspects = spoiled.suspects
-        groups = [spoiled.left] if spoiled.left else []
-        if spoiled.certain or len(group) == 1:
-            for test in suspects:
-                _clear(out, test - first)
-                self.note(seed, Fault(test, spoiled.what, spoiled.message))
-        elif spoiled.what == "hung" or len(suspects) == 1:  # a hang costs the whole time limit: look once at each
-            groups += [[test] for test in reversed(suspects)]
-            if spoiled.what == "hung":
-                self.pace.allow_more(len(suspects))
-                announce(
-                    f"The AV {self.name} {spoiled.message}; these tests are driven again one by one. If it is slow and "
-                    f"not hung: --av-batch below {len(suspects)}, or a longer --av-timeout."
-                )
-        else:
-            half = (len(suspects) + 1) // 2
-            groups += [suspects[half:], suspects[:half]]
-        return groups
+        return tests.outcomes, counts
 
     def note_driven(self, tests: int) -> None:
         """Note that so many more tests were driven."""
@@ -367,84 +293,6 @@ class ForeignAv:
                 f"In test {fault.test} it {fault.message}. Correct the AV; to look closer: {self.closer()}"
             )
             raise self.explained(error, fault.message)
-
-    def _drive(
-        self, session: AvSession, setting: Setting, slots: int, seed: int, group: list[int], first: int,
-        census: statistics.Census, out: Outcomes, counts: statistics.Counts,
-    ) -> None:  # fmt: skip
-        """Drive a group of tests from start to end.
-
-        Raises:
-            _SpoiledError: The AV failed before all of them were driven.
-        """
-        setting = self.steering(setting)
-        batch = session.batch(slots)
-        size = batch.views.shape[0]
-        scratch = allocate_scratch(slots, setting.who.policy)
-        keep = keep_nothing(slots, counts=counts, census=census)
-        done = np.zeros(size, dtype=np.int64)
-        tests = np.array(group, dtype=np.int64)
-        driven = batch.worlds.state["test"][:, 0]  # a view
-        log = np.zeros((size, _most_answers(setting), answer_width(setting))) if self.keeps_scripts else None
-        answered = np.zeros(size, dtype=np.int64)
-        begun = 0
-        finished: set[int] = set()
-        while True:
-            fresh = lockstep.idle(batch)[: tests.size - begun]
-            if fresh.size:
-                with naming_tests(batch.worlds):
-                    lockstep.begin(seed, fresh, tests[begun : begun + fresh.size], setting, batch)
-                answered[fresh] = 0
-                begun += fresh.size
-            driving = lockstep.running(batch)
-            if driving.size == 0:
-                return
-            lockstep.see(batch, setting, scratch)
-            try:
-                answers, failed = session.act(batch.views, fresh, seeds_of(seed, driven[fresh]))
-            except AvFailureError as failure:
-                session.renew()
-                suspects = sorted(int(test) for test in driven[driving])
-                again = () if census.on else finished
-                left = [test for test in group if test not in again and test not in suspects]
-                raise _SpoiledError(failure.what, str(failure), suspects, left, certain=False) from failure
-            bad = driving[~usable(answers[driving])]
-            if bad.size:
-                answers[bad] = 0.0
-                self._set_aside(batch, {int(b): failed[int(b)] for b in bad}, group, finished, seed, first, census, out)
-                if driving.size == bad.size:
-                    continue
-            if log is not None:
-                log[driving, answered[driving]] = answers[driving]
-                answered[driving] += 1
-            ended = done[: lockstep.act(answers, False, setting, batch, scratch, keep, done)]
-            warn_of_left_out(scratch)
-            for b in ended:
-                test, world = int(driven[b]), world_of(batch.worlds, int(b))
-                finished.add(test)
-                write_outcome(world, out, test - first, setting.road)
-                if log is not None and world.state["outcome"][0] == AV_CRASH:
-                    self.keep_script(seed, test, log[b, : answered[b]].copy())
-
-    def _set_aside(
-        self, batch: lockstep.Batch, failed: dict[int, tuple[str, str]], group: list[int], finished: set[int],
-        seed: int, first: int, census: statistics.Census, out: Outcomes,
-    ) -> None:  # fmt: skip
-        """End the tests with an unusable answer. Where traffic is counted, the whole group begins anew without them.
-
-        Raises:
-            _SpoiledError: The group must begin anew.
-        """
-        tests = {int(batch.worlds.state["test"][b, 0]): why for b, why in failed.items()}
-        if census.on:
-            what, message = next(iter(tests.values()))
-            same = [test for test, why in tests.items() if why == (what, message)]
-            raise _SpoiledError(what, message, sorted(same), [t for t in group if t not in same], certain=True)
-        for test in sorted(tests):
-            _clear(out, test - first)
-            self.note(seed, Fault(test, *tests[test]))
-            finished.add(test)
-        lockstep.stop(batch, np.array(list(failed), dtype=np.int64))
 
     # --- scripts: what the AV answered in one test ---
 
@@ -505,19 +353,20 @@ class ForeignAv:
         with self.lend_session(set_speed=set_speed) as session:
             views = session.batch(slots).views
             views[:] = 0.0
-            fresh, seeds = np.zeros(1, dtype=np.int64), seeds_of(seed, np.array([test]))
+            rows = fresh = np.zeros(1, dtype=np.int64)
+            seeds = seeds_of(seed, np.array([test]))
 
             def ask() -> NDArray[np.float64]:
                 nonlocal fresh, seeds
                 try:
-                    given, failed = session.act(views, fresh, seeds)
+                    given, failed = session.act(views, rows, fresh, seeds)
                 except AvFailureError as failure:
                     session.drop()
                     raise AvFaultError(f"The AV {self.name} {failure} in test {test}{self.log.pointer()}") from failure
                 fresh, seeds = fresh[:0], seeds[:0]
-                if 0 in failed:
-                    error = AvFaultError(f"In test {test} the AV {self.name} {failed[0][1]}{self.log.pointer()}")
-                    raise self.explained(error, failed[0][1])
+                if failed:
+                    error = AvFaultError(f"In test {test} the AV {self.name} {failed[0]}{self.log.pointer()}")
+                    raise self.explained(error, str(failed[0]))
                 return given[:1]
 
             try:
@@ -541,15 +390,5 @@ class ForeignAv:
         return np.array_equal(scripts[0], scripts[1])
 
 
-def _most_answers(setting: Setting) -> int:
-    return int(setting.road.max_decisions) * answers_per_second(setting)
-
-
 def _some(about: dict[str, str]) -> str:
     return f"{about['hash']} with answers by {about['form']}"
-
-
-def _clear(out: Outcomes, k: int) -> None:
-    for column in out:
-        column[k] = 0
-    out.code[k] = AV_FAULT

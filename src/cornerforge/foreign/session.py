@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from cornerforge.drivers.idm import IdmParams
 from cornerforge.foreign import tracking
-from cornerforge.foreign.answers import Carried, carry_out
+from cornerforge.foreign.answers import carry_out
 from cornerforge.foreign.edge_cases import ordinary_views, scenes_of
 from cornerforge.foreign.interface import VIEW_SHAPE, AvContext
-from cornerforge.foreign.process import AvProcess
+from cornerforge.foreign.process import AvFailureError, AvProcess
 from cornerforge.sim import (
     AV_VIEW_VERSION,
     SUBSTEPS,
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from cornerforge.road.straight import RoadNumbers
 
-__all__ = ["AvSession", "Steps", "answers_per_second", "answers_per_test", "context_of", "seeds_of", "usable"]
+__all__ = ["AvSession", "Steps", "answers_per_second", "answers_per_test", "context_of", "seeds_of"]
 
 
 def context_of(odd: Odd, *, batch: int, seed: int) -> AvContext:
@@ -62,11 +62,6 @@ def seeds_of(seed: int, tests: NDArray[np.int64]) -> NDArray[np.int64]:
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return ((z ^ (z >> np.uint64(31))) >> np.uint64(1)).astype(np.int64)
-
-
-def usable(answers: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Look which rows of answers (K, W) can be carried out (`answers.carry_out` makes the others NaN)."""
-    return np.asarray(np.isfinite(answers).all(axis=1))
 
 
 def answers_per_second(setting: Setting) -> int:
@@ -128,15 +123,23 @@ class AvSession:
         objects = int(about["objects"])
         return scenes_of(views, VIEW_SHAPE[0] if objects < 0 else 1 + objects, self._context)
 
-    def act(self, views: NDArray[Any], fresh: NDArray[np.int64], seeds: NDArray[np.int64]) -> Carried:
-        """Ask the AV what it does; in rows `fresh` tests begin, for which it is told `seeds`.
+    def act(
+        self, views: NDArray[Any], rows: NDArray[np.int64], fresh: NDArray[np.int64], seeds: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], dict[int, AvFailureError]]:
+        """Ask the AV what it does in some rows; in rows `fresh` tests begin, for which it is told `seeds`.
+
+        Returns:
+            Answers, (B, W), 0 where they cannot be carried out; and why not, for those of `rows`, ascending.
 
         Raises:
             AvFailureError: It failed, and it is not known in which world.
         """
         process = self.process()
         given, failed = process.act(views, fresh, seeds)
-        return carry_out(given, failed, process.about["form"], views, self._road)
+        answers, failed = carry_out(given, failed, process.about["form"], views, self._road)
+        bad = np.asarray(~np.isfinite(answers).all(axis=1))
+        answers[bad] = 0.0
+        return answers, {row: AvFailureError(*failed[row]) for row in rows[bad[rows]].tolist()}
 
     def ask_once(self) -> None:
         """Ask about ordinary traffic; after it no row remembers anything of use.
@@ -146,7 +149,7 @@ class AvSession:
         """
         everywhere = np.arange(self.batch_size)
         views = self.shown(ordinary_views(self.batch_size, self._context))
-        self.act(views, everywhere, np.zeros_like(everywhere))
+        self.act(views, everywhere, everywhere, np.zeros_like(everywhere))
 
     @property
     def is_fresh(self) -> bool:

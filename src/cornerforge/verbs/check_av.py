@@ -145,9 +145,9 @@ class _Bench:
             shown = np.empty_like(views[step])
             shown[rows] = views[step]
             try:
-                answers, failed = session.act(session.shown(shown), fresh, seeds)
-                for what, how in failed.values():
-                    raise AvFailureError(what, how)
+                answers, failed = session.act(session.shown(shown), np.arange(batch), fresh, seeds)
+                for failure in failed.values():
+                    raise failure
             except AvFailureError as failure:
                 self.close()
                 self.hangs += failure.what == "hung"
@@ -280,11 +280,11 @@ def _speeds(bench: _Bench, odd: Odd, seed: int) -> tuple[AvSpeed, ...]:
 def _speed(bench: _Bench, odd: Odd, seed: int, batch: int) -> AvSpeed:
     view = random_views(np.random.default_rng(seed), (1, batch), odd)
     bench.answers(view)
-    session, none = bench.session(batch), np.zeros(0, dtype=np.int64)
+    session, none, everywhere = bench.session(batch), np.zeros(0, dtype=np.int64), np.arange(batch)
     shown = session.shown(view[0])
     calls, start = 0, time.perf_counter()
     while (seconds := time.perf_counter() - start) < _SPEED_SECONDS:
-        session.act(shown, none, none)
+        session.act(shown, everywhere, none, none)
         calls += 1
     return AvSpeed(
         worlds=batch,

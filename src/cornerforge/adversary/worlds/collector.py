@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +18,18 @@ from cornerforge.adversary.worlds.drive_bv import allocate_history
 from cornerforge.errors import AvFaultError
 from cornerforge.foreign.driver import Fault, ForeignAv
 from cornerforge.foreign.process import AvFailureError
-from cornerforge.foreign.session import answers_per_second, seeds_of, usable
+from cornerforge.foreign.session import answers_per_second, seeds_of
 from cornerforge.sim import World, allocate_scratch, allocate_worlds, answer_width, keep_nothing, warn_of_left_out
 
 if TYPE_CHECKING:
     from cornerforge.adversary.worlds.drive_bv import Actors, Exploring, Transitions
     from cornerforge.adversary.worlds.rewards import RewardNumbers
-    from cornerforge.foreign.answers import Carried
     from cornerforge.sim import Setting
 
 __all__ = ["ForeignCollector", "Group"]
+
+Answers: TypeAlias = "tuple[NDArray[np.float64], dict[int, AvFailureError]]"
+"""Answers, and failures by seat, as of `AvSession.act`."""
 
 _KINDS = ("raised", "answer", "hung", "ended", "left")
 _MOST_TOGETHER = 3
@@ -53,7 +55,7 @@ class ForeignCollector:
             Group(av, setting, slots, actors, np.arange(first, min(first + size, worlds)), size)
             for first in range(0, worlds, size)
         ]
-        self._pool = ThreadPoolExecutor(av.processes or threads)
+        self._pool = ThreadPoolExecutor(av.spec.processes or threads)
 
     def warm_up(self, exploring: Exploring, reward: RewardNumbers, out: Transitions) -> None:
         """Load the kernels that `collect` calls, or compile them; moves nobody."""
@@ -195,21 +197,20 @@ class Group:
             try:
                 answers, failed = self._answers_for(seats)
             except AvFailureError as failure:
-                self._renew()
+                self._session.renew()
                 failing = self._failing_alone(seats)
                 seats = self._give_up(seats, failing)
                 together = 0 if failing else together + 1
                 if together == _MOST_TOGETHER:
                     raise AvFaultError(
-                        f"The AV {self._av.spec} {failure}, {together} times in a row for {seats.size} worlds together "
+                        f"The AV {self._av.name} {failure}, {together} times in a row for {seats.size} worlds together "
                         f"and for none alone. Correct the AV; to look closer: {self._av.closer()}"
                     ) from failure
                 continue
-            bad = seats[~usable(answers[seats])]
-            return self._give_up(seats, {int(seat): AvFailureError(*failed[int(seat)]) for seat in bad}), answers
+            return self._give_up(seats, failed), answers
         return seats, np.zeros((len(self._views), answer_width(self._setting)))
 
-    def _answers_for(self, seats: NDArray[np.int64]) -> Carried:
+    def _answers_for(self, seats: NDArray[np.int64]) -> Answers:
         """Ask the AV once; first show it what it should have seen, if it did not."""
         if not self.is_in_step:
             self._session.ask_once()  # the first answer has more time, which a hang must not get
@@ -217,15 +218,15 @@ class Group:
                 self._show_again(seats)
         rows, worlds = self._rows, self._actors.worlds
         outside.look(rows, seats, worlds, self._setting, self._scratch, self._views)
-        answers = self._act(seats[self._actors.history.answered[rows[seats]] == 0])
+        answers = self._act(seats, seats[self._actors.history.answered[rows[seats]] == 0])
         self.is_in_step = True
         return answers
 
-    def _act(self, fresh: NDArray[np.int64]) -> Carried:
-        """Show the views to the AV; in `fresh` seats a test begins."""
+    def _act(self, seats: NDArray[np.int64], fresh: NDArray[np.int64]) -> Answers:
+        """Show the views of seats to the AV; in `fresh` ones a test begins."""
         state = self._actors.worlds.state[self._rows[fresh], 0]
         seeds = seeds_of(int(state["seed"][0]), state["test"]) if fresh.size else fresh
-        return self._session.act(self._views, fresh, seeds)
+        return self._session.act(self._views, seats, fresh, seeds)
 
     def _show_again(self, seats: NDArray[np.int64]) -> None:
         """Show the AV again what it saw in the tests of some seats before now; its answers of then are carried out.
@@ -244,12 +245,8 @@ class Group:
             shown, fresh = seats[moments >= 0], seats[moments == 0]
             outside.look_back(rows, fresh, actors, setting, again)
             outside.look(own, shown, again, setting, self._scratch, self._views)
-            self._act(fresh)
+            self._act(shown, fresh)
             outside.go_on_again(rows, shown, moments[moments >= 0], actors, setting, self._scratch, self._keep, again)
-
-    def _renew(self) -> None:
-        self._session.renew()
-        self.is_in_step = False
 
     def _failing_alone(self, seats: NDArray[np.int64]) -> dict[int, AvFailureError]:
         """Find the seats in whose tests a new AV fails at this question though it drives nothing else, by halving."""
@@ -260,7 +257,7 @@ class Group:
                 if half.size:
                     self._answers_for(half)
             except AvFailureError as failure:
-                self._renew()
+                self._session.renew()
                 if half.size == 1:
                     found[int(half[0])] = failure
                 else:

@@ -18,7 +18,7 @@ from cornerforge.errors import AvFaultError
 from cornerforge.execution import is_given_up
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.process import AvFailureError
-from cornerforge.foreign.session import AvSession, seeds_of, usable
+from cornerforge.foreign.session import AvSession, seeds_of
 from cornerforge.rates.branching import schedule
 from cornerforge.rates.branching.drive import TreeDriver, Watched
 from cornerforge.rates.branching.population import Population
@@ -216,14 +216,12 @@ class _Driving:
         seats.fresh[fresh] = False
         tests = self._population.pool.worlds.state["test"][:, 0]
         try:
-            answers, failed = self._session.act(self._views, fresh, seeds_of(self._seed, tests[seats.row[fresh]]))
+            answers, failed = self._session.act(self._views, live, fresh, seeds_of(self._seed, tests[seats.row[fresh]]))
         except AvFailureError as failure:
             self._session.renew()
             raise self._fault(f"in one of the tests {_some(tests[seats.row[asked]])} it {failure}", "") from failure
-        bad = live[~usable(answers[live])]
-        if bad.size:
-            how = failed[int(bad[0])][1]
-            raise self._fault(f"in test {tests[seats.row[bad[0]]]} it {how}", how)
+        for seat, how in failed.items():
+            raise self._fault(f"in test {tests[seats.row[seat]]} it {how}", str(how))
         seats.memory[seats.row == _NOTHING] = _NOTHING  # the AV was shown zeros there
         if shown.size:
             self._go_over(shown, moments, answers)
@@ -256,7 +254,7 @@ class _Driving:
 
     def _fault(self, what: str, how: str) -> AvFaultError:
         error = AvFaultError(
-            f"The AV {self._av.spec} failed while trees of tests were driven: {what}. Count with --method mc, which "
+            f"The AV {self._av.name} failed while trees of tests were driven: {what}. Count with --method mc, which "
             f"sets these tests aside, or correct the AV; to look closer: {self._av.closer()}"
         )
         return self._av.explained(error, how)
