@@ -166,8 +166,9 @@ _VERSIONS = [
 | | 2 | Reads it: cases may be scripted, their start and actions are in their tracks. |
 | | 3 | Reads it: other vehicles may be on rails. A library has the lowest version that can read it. |
 | model | 2 | Reads it; numbers that it does not say mean what they meant then. |
-| policy, learned AV | 1 | Reads them; one for another observation is refused: train it again. |
-| unfinished training | 5 | Earlier ones are refused: go on with the version that began it, or begin again. |
+| policy | 1, 2 | Reads them; one for another observation is refused: train it again. |
+| learned AV | 1 | Reads it; the same. |
+| unfinished training | 6 | Earlier ones are refused: go on with the version that began it, or begin again. |
 | any | later | Refused: upgrade cornerforge. |
 
 What version 0.1 wrote is refused in one line that names `cornerforge migrate OLD --out NEW`. Nothing is rewritten in

@@ -21,7 +21,7 @@ import cornerforge.ext.gym  # noqa: F401  registers the environments
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.worlds.drive_bv import Exploring, allocate_actors, collect, start_worlds
 from cornerforge.adversary.worlds.rewards import reward_numbers
-from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, best_action, q_values
+from cornerforge.drivers.policy import HEADS, NetworkShape, PolicyNumbers, best_action, q_values
 from cornerforge.experiment.policy_file import Policy
 from cornerforge.experiment.setting import Experiment, experiment
 from cornerforge.ext.gym.batch import AvBatch, BvBatch
@@ -42,10 +42,10 @@ SEED = 12
 TESTS = 24
 
 
-def policy(seed: int, *, bounded: bool = False, budget: float | None = None) -> Policy:
+def policy(seed: int, *, bounded: bool = False, budget: float | None = None, head: str = "greedy") -> Policy:
     numbers = random_policy(seed)
     shape = NetworkShape(numbers.n_inputs, numbers.n_shared, numbers.n_stream, numbers.width)
-    return Policy(numbers.weights, shape, bounded, {}, budget)
+    return Policy(numbers.weights, shape, bounded, {}, budget, head)
 
 
 BVS: dict[str, Callable[[str], Experiment]] = {
@@ -58,8 +58,11 @@ BVS: dict[str, Callable[[str], Experiment]] = {
         av=av, policy=policy(2, bounded=True, budget=6.0), takes_foreign=True
     ),
     "softmax": lambda av: experiment(av=av, policy=policy(2), acting="softmax:0.3", takes_foreign=True),
+    "drawing": lambda av: experiment(av=av, policy=policy(2, head="softmax"), takes_foreign=True),
     "mixture": lambda av: experiment(
-        av=av, policy=[policy(0), policy(1, bounded=True), policy(2, bounded=True, budget=4.0)], takes_foreign=True
+        av=av,
+        takes_foreign=True,
+        policy=[policy(0), policy(1, bounded=True, head="softmax"), policy(2, bounded=True, budget=4.0)],
     ),
 }
 """Runs by who drives the BVs, for an AV."""
@@ -86,7 +89,7 @@ def bulk_by_motion(run: Experiment) -> Outcomes:
 def test_something_happens_that_doors_could_disagree_on(bvs: str) -> None:
     out = bulk(BVS[bvs]("rl"))
     assert len(set(out.distance.tolist())) == TESTS
-    if "policy" in bvs or bvs in ("swerve", "softmax", "mixture"):
+    if "policy" in bvs or bvs in ("swerve", "softmax", "drawing", "mixture"):
         assert digest(out) != digest(bulk(BVS["natural"]("rl")))
 
 
@@ -224,10 +227,11 @@ def test_adversary_single_and_vector(bounded: bool) -> None:
     assert digest(outcomes_of(batch)) == digest(expected)
 
 
+@pytest.mark.parametrize("head", HEADS)
 @pytest.mark.parametrize("bounded", [False, True])
-def test_the_collector_of_training(bounded: bool) -> None:
+def test_the_collector_of_training(bounded: bool, head: str) -> None:
     """It shows rewards and ends; a test's outcome and its length in decisions must be those of bulk simulation."""
-    run = experiment(av="rl", policy=policy(1, bounded=bounded))
+    run = experiment(av="rl", policy=policy(1, bounded=bounded, head=head))
     expected = bulk(run)
     setting, numbers = run.setting.with_drivers(critical=TOLD), run.setting.who.policy
     actors = allocate_actors(TESTS, setting, run.slots, N_OBSERVATION)

@@ -103,14 +103,14 @@ ADVERSARY: Recipe = {
     ],
     "sim/adversaries.py": [
         (
-            '_RULES = {"policy": _policy,',
+            '_RULES = {"uniform": _uniform,',
             '''@inlined_kernel
-def _braker(_w: World, _bv: int, _words: Words, _policy: PolicyNumbers, s: ChoiceScratch) -> int:
+def _braker(_w: World, _bv: int, _words: Words, s: ChoiceScratch) -> int:
     """The hardest braking that is allowed."""
     return _nearest_allowed(-9.0, s.allowed)
 
 
-_RULES = {"braker": _braker, "policy": _policy,''',
+_RULES = {"braker": _braker, "uniform": _uniform,''',
         )
     ],
     "world_options.py": [('PLAIN_ADVERSARIES = ("uniform",', 'PLAIN_ADVERSARIES = ("uniform", "braker",')],

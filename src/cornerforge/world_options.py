@@ -18,6 +18,7 @@ else:  # classes are told by their names, so that the module need not be importe
     NddModel = type("NddModel", (), {})
 
 __all__ = [
+    "LEARNERS",
     "PLAIN_ADVERSARIES",
     "REWARD_NAMES",
     "AdversaryEnvOptions",
@@ -34,6 +35,9 @@ PLAIN_ADVERSARIES = ("uniform", "lane-changer", "swerve")
 """Adversaries that have not learned, as help names them; `sim.setting.ADVERSARIES` says what they do."""
 REWARD_NAMES = ("crash", "striking", "avoidable", "preventable", "preventable-by-braking", "own-fault")
 """Names of `adversary.worlds.rewards.REWARDS`, which says what they pay for."""
+
+LEARNERS = ("dqn",)
+"""Names of learners, as help names them; each is the file of that name in `adversary/`."""
 
 
 @dataclass(frozen=True, kw_only=True)

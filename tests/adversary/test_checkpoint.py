@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from folder_snapshot import snapshot
 from safetensors import safe_open
 from safetensors.numpy import save_file
@@ -23,8 +22,9 @@ from safetensors.numpy import save_file
 from cornerforge._checksums import write_tensors
 from cornerforge.adversary.checkpoint import CheckpointFile, TrainingState
 from cornerforge.adversary.config import PRESETS, TrainConfig
-from cornerforge.adversary.learner import DqnLearner
+from cornerforge.adversary.replay import BalancedMemory
 from cornerforge.adversary.train import CurvePoint, TrainResult, train_adversary
+from cornerforge.adversary.worlds.drive_bv import Transitions
 from cornerforge.errors import FileFormatError, InputError, OutputError
 from cornerforge.experiment.setting import Experiment, experiment
 
@@ -88,7 +88,7 @@ def stopped(world: Experiment, tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("config", [TINY, PLAIN, LATE], ids=["adam", "sgd", "late"])
 @pytest.mark.parametrize("decisions", [3200, 6400, 7680])
 def test_a_stopped_training_goes_on_to_the_same_weights(
@@ -119,8 +119,9 @@ def test_a_training_stopped_again_and_again_goes_on_to_the_same_weights(
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "part",
-    ["learner.online", "learner.target", "learner.optimiser.mean", "learner.optimiser.square",
-     "learner.replay.recent.reward", "learner.replay.paid.reward", "learner.replay.is_paid",
+    ["learner.network.weights", "learner.target", "learner.network.optimiser.exp_avg",
+     "learner.network.optimiser.exp_avg_sq", "learner.replay.recent.reward", "learner.replay.paid.reward",
+     "learner.replay.is_paid",
      "actor.worlds.vehicles", "actor.worlds.state", "actor.observation", "actor.allowed"],
 )  # fmt: skip
 def test_negative_control_every_part_is_needed(part: str, world: Experiment, unbroken: Unbroken, stopped: Path) -> None:
@@ -137,18 +138,20 @@ def test_negative_control_every_part_is_needed(part: str, world: Experiment, unb
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("what", ["generator", "steps"])
-def test_negative_control_generator_and_adams_steps_are_needed(
+@pytest.mark.parametrize("what", ["draws", "steps"])
+def test_negative_control_draws_and_adams_steps_are_needed(
     what: str, world: Experiment, unbroken: Unbroken, stopped: Path
 ) -> None:
+    """Draws follow the number of updates, the optimiser's own counter stands beside."""
     checkpoint = CheckpointFile(stopped, IDENTITY)
     saved = checkpoint.read()
     assert saved is not None
-    if what == "generator":
-        saved.values["learner"]["rng"]["state"]["counter"][0] += 1
+    arrays = dict(saved.arrays)
+    if what == "draws":
+        saved.values["learner"]["updates"] += 7  # copies to the target network stay where they are
     else:
-        saved.values["learner"]["steps"] += 1
-    checkpoint.write(saved)
+        arrays["learner.network.optimiser.step"] = arrays["learner.network.optimiser.step"] + 1
+    checkpoint.write(TrainingState(arrays, saved.values))
     assert go(world, TINY, checkpoint).weights.tobytes() != unbroken(TINY).weights.tobytes()
 
 
@@ -205,16 +208,17 @@ def test_a_killed_training_goes_on_to_the_same_weights(world: Experiment, unbrok
 
 def press_ctrl_c(monkeypatch: pytest.MonkeyPatch, times: int) -> None:
     """Send SIGINT right in the middle of the learning of one iteration."""
-    differentiate = DqnLearner._differentiate
+    draw = BalancedMemory.draw
 
-    def interrupted(self: DqnLearner) -> tuple[torch.Tensor, torch.Tensor]:
-        found = differentiate(self)
-        if self.updates == 201:  # the second of the four updates of its iteration
+    def interrupted(self: BalancedMemory, rng: np.random.Generator, out: Transitions) -> None:
+        draw(self, rng, out)
+        calls[0] += 1
+        if calls[0] == 202:  # the second of the four updates of its iteration
             for _ in range(times):
                 signal.raise_signal(signal.SIGINT)
-        return found
 
-    monkeypatch.setattr(DqnLearner, "_differentiate", interrupted)
+    calls = [0]
+    monkeypatch.setattr(BalancedMemory, "draw", interrupted)
 
 
 def test_ctrl_c_amid_learning_keeps_the_whole_iteration(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -13,10 +14,10 @@ from safetensors import safe_open
 from safetensors.numpy import save
 
 from cornerforge._checksums import NoChecksumError, write_tensors
-from cornerforge.drivers.policy import NetworkShape, n_weights
+from cornerforge.drivers.policy import HEADS, NetworkShape, n_weights
 from cornerforge.errors import FileFormatError, OutputError
 from cornerforge.experiment.policy_file import Policy, load_policy, policy_hash, policy_numbers, save_policy
-from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.sim.observe import N_OBSERVATION, OBSERVATION_VERSION
 
 SHAPE = NetworkShape(N_OBSERVATION, 2, 1, 8)
 
@@ -43,9 +44,12 @@ def test_round_trip(policy: Policy, tmp_path: Path) -> None:
     assert policy_hash(loaded) == policy_hash(policy)
     assert policy_numbers(loaded).weights.dtype == np.float32
     assert [entry.name for entry in path.parent.iterdir()] == ["p.safetensors"]
-    assert loaded.budget is None
+    assert (loaded.budget, loaded.head) == (None, "greedy")
     save_policy(replace(policy, budget=4.5), path)
     assert load_policy(path).budget == 4.5
+    save_policy(replace(policy, head="softmax"), path)
+    assert parts(path)[1]["head"] == load_policy(path).head == "softmax"
+    assert policy_numbers(load_policy(path)).head == HEADS["softmax"]
     save_policy(policy, path)
     first = path.read_bytes()
     save_policy(loaded, path)
@@ -61,7 +65,8 @@ def test_the_hash_is_of_what_decides_how_it_acts(policy: Policy) -> None:
         policy_hash(Policy(policy.weights, SHAPE, False, policy.about)),
     }
     hashes |= {policy_hash(replace(policy, budget=budget)) for budget in (0.0, 5.0, 6.0)}
-    assert len(hashes) == 6
+    hashes.add(policy_hash(replace(policy, head="softmax")))
+    assert len(hashes) == 7
     assert policy_hash(Policy(policy.weights, SHAPE, True, {})) == policy_hash(policy)
 
 
@@ -74,6 +79,19 @@ def changed_header(path: Path, **changes: object) -> bytes:
 def changed_weights(path: Path, weights: np.ndarray) -> bytes:
     write_tensors(path, "cornerforge", parts(path)[1], {"weights": weights}, "it")
     return path.read_bytes()
+
+
+def test_a_file_of_version_1_is_greedy_and_has_the_hash_that_it_had(policy: Policy, tmp_path: Path) -> None:
+    path = tmp_path / "p.safetensors"
+    save_policy(policy, path)
+    weights, header = parts(path)
+    del header["head"]
+    write_tensors(path, "cornerforge", header | {"schema_version": 1}, {"weights": weights}, "it")
+    old = load_policy(path)
+    assert old.head == "greedy"
+    shape = " ".join(str(number) for number in (OBSERVATION_VERSION, N_OBSERVATION, 2, 1, 8))
+    told = f"{shape} True None".encode() + policy.weights.astype("<f4").tobytes()
+    assert policy_hash(old) == hashlib.sha256(told).hexdigest()[:16]
 
 
 def with_nan(path: Path) -> bytes:
@@ -117,7 +135,9 @@ DAMAGES = {
     ),
     "header no JSON": (lambda p: save({"weights": parts(p)[0]}, metadata={"cornerforge": "{"}), "damaged"),
     "header a list": (lambda p: save({"weights": parts(p)[0]}, metadata={"cornerforge": "[]"}), "no JSON object"),
-    "newer schema": (lambda p: changed_header(p, schema_version=2), "schema version 2"),
+    "newer schema": (lambda p: changed_header(p, schema_version=3), "schema version 3"),
+    "unknown head": (lambda p: changed_header(p, head="softmacks"), 'Did you mean "softmax"'),
+    "head a number": (lambda p: changed_header(p, head=1), "head"),
     "other observation": (lambda p: changed_header(p, observation_version=99), "observation version 99"),
     "older observation": (lambda p: changed_header(p, observation_version=1), "Train it again"),
     "negative budget": (lambda p: changed_header(p, budget=-1.0), "budget"),

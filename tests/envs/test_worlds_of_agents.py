@@ -58,7 +58,8 @@ def as_adversary(kind: str):
             w = world(batch, int(b))
             s.allowed[:] = batch.allowed[b]
             assert (w.state["seed"][0], w.state["test"][0]) == (SEED, batch.tests[b])
-            actions[b] = choose_action(w, int(w.state["controlled"][0]), ADVERSARIES[kind], 0.0, policy, s)
+            bv = int(w.state["controlled"][0])
+            actions[b], _ = choose_action(w, bv, ADVERSARIES[kind], 0.0, 0.0, policy, s)
         batch.step(actions, running)
 
     return act

@@ -5,11 +5,11 @@ import pytest
 from hand_built import Car, world_of
 from statistical_bounds import l1_bound, l1_distance
 
-from cornerforge.drivers.policy import NO_POLICY, NetworkShape, PolicyNumbers, n_weights
-from cornerforge.sim.adversaries import choose_action, sample_action
+from cornerforge.drivers.policy import HEADS, NO_POLICY, NetworkShape, PolicyNumbers, n_weights
+from cornerforge.sim.adversaries import choose_action
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.scratch import ChoiceScratch, allocate_scratch
-from cornerforge.sim.setting import ADVERSARIES, Controllers, cast_index, cast_of, critical_of
+from cornerforge.sim.setting import ADVERSARIES, AS_LEARNED, POLICY, Controllers, cast_index, cast_of, critical_of
 from cornerforge.sim.world import World
 
 N = 50_000
@@ -38,7 +38,7 @@ def choices(
     world.state["seed"] = SEED
     for test in range(n):
         world.state["test"] = test
-        counts[choose_action(world, 1, ADVERSARIES[kind], epsilon, policy, scratch)] += 1
+        counts[choose_action(world, 1, ADVERSARIES[kind], epsilon, 0.0, policy, scratch)[0]] += 1
     return counts
 
 
@@ -120,7 +120,7 @@ def test_choices_of_another_vehicle_are_other_draws() -> None:
     for test in range(50):
         world.state["test"] = test
         for slot in (1, 2):
-            chosen[slot - 1].append(choose_action(world, slot, uniform, 0.0, NO_POLICY, scratch))
+            chosen[slot - 1].append(choose_action(world, slot, uniform, 0.0, 0.0, NO_POLICY, scratch)[0])
     assert chosen[0] != chosen[1]
 
 
@@ -156,7 +156,7 @@ def test_a_policy_draws_by_its_values_among_the_allowed(allowed: list[int], temp
     world.state["seed"] = SEED
     for test in range(N):
         world.state["test"] = test
-        action, log_prob = sample_action(world, 1, temperature, policy, scratch)
+        action, log_prob = choose_action(world, 1, POLICY, 0.0, temperature, policy, scratch)
         counts[action] += 1
         assert log_prob == pytest.approx(np.log(expected[action]), abs=1e-5)
     bound = l1_bound(33, N, comparisons=9)
@@ -174,7 +174,23 @@ def test_an_action_far_worse_is_never_drawn_and_nothing_overflows() -> None:
     world.state["seed"] = SEED
     for test in range(100):
         world.state["test"] = test
-        assert sample_action(world, 1, 1e-4, policy, scratch) == (29, 0.0)
+        assert choose_action(world, 1, POLICY, 0.0, 1e-4, policy, scratch) == (29, 0.0)
+
+
+@pytest.mark.parametrize(("head", "temperature"), [("greedy", 0.0), ("softmax", 1.0)])
+def test_a_policy_that_acts_as_it_learned_does_what_its_head_says(head: str, temperature: float) -> None:
+    policy = valued_policy(np.random.default_rng(3).uniform(0.0, 1.0, 33).astype(np.float32))
+    own = policy._replace(head=HEADS[head])
+    scratch, world = scratch_for(policy), world_of(WORLD)
+    scratch.allowed[::2] = True
+    world.state["seed"] = SEED
+    chosen = set()
+    for test in range(200):
+        world.state["test"] = test
+        found = choose_action(world, 1, POLICY, 0.0, AS_LEARNED, own, scratch)
+        assert found == choose_action(world, 1, POLICY, 0.0, temperature, policy, scratch)
+        chosen.add(found[0])
+    assert (len(chosen) > 1) == (head == "softmax")
 
 
 def test_each_test_of_a_mixture_draws_its_policy_alike() -> None:
@@ -191,6 +207,7 @@ def test_each_test_of_a_mixture_draws_its_policy_alike() -> None:
 
 def test_a_mixture_holds_its_policies_whole() -> None:
     policies = [constant_policy(favourite) for favourite in (3, 12, 30)]
+    policies[1] = policies[1]._replace(head=HEADS["softmax"])
     cast = cast_of(policies, [False, True, True], [0, 0, 7])
     # As Python: a view that a kernel gives out would come back as the whole array.
     as_python = cast._replace(members=cast.members.view(np.recarray))

@@ -18,7 +18,7 @@ from cornerforge.errors import FileFormatError, InputError, OutputError
 
 __all__ = ["CHECKPOINT_KEY", "CHECKPOINT_SCHEMA", "CheckpointFile", "CheckpointHeader", "TrainingState"]
 
-CHECKPOINT_SCHEMA = 5
+CHECKPOINT_SCHEMA = 6
 CHECKPOINT_KEY = "cornerforge_checkpoint"
 """Name of the header in a checkpoint's metadata."""
 _WRITING_SHARE = 20

@@ -1,37 +1,96 @@
-"""Hyperparameters of the adversary's training and the two presets."""
+"""Hyperparameters of trainings: what all learners have, those of the DQN, and the DQN's presets.
+
+Importing this needs no PyTorch. Another learner keeps its hyperparameters and presets in its own file.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge.adversary.worlds import reward_numbers
 from cornerforge.drivers.policy import NetworkShape
-from cornerforge.errors import UnknownNameError
+from cornerforge.errors import MissingExtraError, UnknownNameError
 from cornerforge.sim import N_OBSERVATION
+from cornerforge.world_options import LEARNERS
 
-__all__ = ["PRESETS", "TrainConfig", "preset_named"]
+if TYPE_CHECKING:
+    from cornerforge.adversary.learner import Learner
+
+__all__ = ["PRESETS", "DqnConfig", "TrainConfig", "preset_named"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TrainConfig:
-    """Hyperparameters of the dueling double DQN.
+    """Hyperparameters that every learner has.
 
-    `decisions` counts transitions of the controlled BV over all worlds; schedules run over decisions, never over
-    seconds, so that the same seed learns the same weights on any machine speed. `reward` is a name of
-    `adversary.worlds.rewards.REWARDS`; `delay_s` is the AV's time to react in `avoidable`, and of no account in others.
-    `guided` is the share of worlds, at most 0.9, in which exploring mostly means to draw level and swerve, or to ram
-    the AV from behind, so that crashes that chance hardly ever makes are seen at all; the chance to explore never falls
-    below `guided_epsilon` there. The training curve counts the other worlds. `paid_share`: see `replay.BalancedMemory`.
+    `learner` is a name of `world_options.LEARNERS`. `decisions` counts transitions of the controlled BV over all
+    worlds; schedules run over decisions, never over seconds, so that the same seed learns the same weights on any
+    machine speed. `reward` is a name of `adversary.worlds.rewards.REWARDS`; `delay_s` is the AV's time to react in
+    `avoidable`, and of no account in others. `head`, the same for all policies of a learner, is a name of
+    `drivers.policy.HEADS`.
 
     Raises:
         InputError: A value is out of range.
     """
 
+    head: ClassVar[str] = "greedy"
+
+    learner: str
     preset: str
-    optimiser: str
     learning_rate: float
     final_learning_rate: float
+    worlds: int
+    decisions: int
+    n_shared: int
+    n_stream: int
+    width: int
+    discount: float = 1.0
+    reward: str = "crash"
+    delay_s: float = field(default=1.0, metadata={"unit": "s"})
+
+    def __post_init__(self) -> None:
+        check_number("train.learning_rate", self.learning_rate, low=1e-9, high=1.0)
+        check_number("train.final_learning_rate", self.final_learning_rate, low=1e-9, high=1.0)
+        check_number("train.discount", self.discount, low=0.0, high=1.0)
+        reward_numbers(self.reward, self.delay_s)
+        for name in ("worlds", "decisions"):
+            check_integer(f"train.{name}", getattr(self, name), low=1, high=10**12)
+
+    @property
+    def network(self) -> NetworkShape:
+        """Shape of the network."""
+        return NetworkShape(N_OBSERVATION, self.n_shared, self.n_stream, self.width)
+
+    def make_learner(self, seed: int) -> Learner:
+        """Make the learner that has these hyperparameters.
+
+        Raises:
+            MissingExtraError: PyTorch is missing.
+        """
+        learner: Learner = _module_of(self.learner).make_learner(self, seed)
+        return learner
+
+
+@dataclass(frozen=True, kw_only=True)
+class DqnConfig(TrainConfig):
+    """Hyperparameters of the dueling double DQN.
+
+    `guided` is the share of worlds, at most 0.9, in which exploring mostly means to draw level and swerve, or to ram
+    the AV from behind, so that crashes that chance hardly ever makes are seen at all; the chance to explore never falls
+    below `guided_epsilon` there. The training curve counts the other worlds. `paid_share`: see `replay.BalancedMemory`.
+    `target_limit`: learning targets are cut to [-target_limit, target_limit]. The default 1 is the largest return of a
+    test that is paid at its end only; rewards on the way need more.
+
+    Raises:
+        InputError: A value is out of range.
+    """
+
+    learner: str = "dqn"
+    optimiser: str
     batch: int
     replay_size: int
     replay_start: int
@@ -40,44 +99,28 @@ class TrainConfig:
     epsilon_decisions: int
     target_update: int = field(metadata={"unit": "updates"})
     decisions_per_update: int
-    worlds: int
-    decisions: int
-    n_shared: int
-    n_stream: int
-    width: int
-    discount: float = 1.0
     guided: float = 0.0
     guided_epsilon: float = 0.0
     paid_share: float = 0.0
-    reward: str = "crash"
-    delay_s: float = field(default=1.0, metadata={"unit": "s"})
+    target_limit: float = 1.0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_in("optimiser", self.optimiser, ("adam", "sgd"))
-        check_number("train.learning_rate", self.learning_rate, low=1e-9, high=1.0)
-        check_number("train.final_learning_rate", self.final_learning_rate, low=1e-9, high=1.0)
-        check_number("train.discount", self.discount, low=0.0, high=1.0)
-        reward_numbers(self.reward, self.delay_s)
-        check_number("train.epsilon_start", self.epsilon_start, low=0.0, high=1.0)
-        check_number("train.guided", self.guided, low=0.0, high=0.9)
-        for name in ("guided_epsilon", "paid_share"):
+        for name in ("epsilon_start", "epsilon_end", "guided_epsilon", "paid_share"):
             check_number(f"train.{name}", getattr(self, name), low=0.0, high=1.0)
-        check_number("train.epsilon_end", self.epsilon_end, low=0.0, high=1.0)
-        for name in ("batch", "epsilon_decisions", "target_update", "worlds", "decisions"):
+        check_number("train.guided", self.guided, low=0.0, high=0.9)
+        check_number("train.target_limit", self.target_limit, low=1e-6, high=1e6)
+        for name in ("batch", "epsilon_decisions", "target_update"):
             check_integer(f"train.{name}", getattr(self, name), low=1, high=10**12)
         check_integer("train.decisions_per_update", self.decisions_per_update, low=1, high=self.worlds)
         check_integer("train.replay_size", self.replay_size, low=max(self.batch, self.worlds), high=10**9)
         # Beyond the memory's size learning would never start.
         check_integer("train.replay_start", self.replay_start, low=1, high=self.replay_size)
 
-    @property
-    def network(self) -> NetworkShape:
-        """Shape of the Q-network."""
-        return NetworkShape(N_OBSERVATION, self.n_shared, self.n_stream, self.width)
-
 
 PRESETS = {
-    "fast": TrainConfig(
+    "fast": DqnConfig(
         preset="fast",
         optimiser="adam",
         learning_rate=1e-3,
@@ -99,7 +142,7 @@ PRESETS = {
         guided_epsilon=0.25,
         paid_share=0.5,
     ),
-    "paper": TrainConfig(
+    "paper": DqnConfig(
         preset="paper",
         optimiser="sgd",
         learning_rate=1e-6,
@@ -123,12 +166,30 @@ PRESETS = {
 how many environment steps go with one update (here one). `fast` learns best per minute on two cores."""
 
 
-def preset_named(name: str) -> TrainConfig:
-    """Look up a preset.
+def _module_of(learner: str) -> Any:
+    """Import the file of a learner: it gives `PRESETS`, by name, and `make_learner(config, seed)`.
 
     Raises:
-        UnknownNameError: There is none of that name.
+        MissingExtraError: PyTorch is missing.
     """
-    if name not in PRESETS:
-        raise UnknownNameError("preset", name, PRESETS)
-    return PRESETS[name]
+    try:
+        return import_module(f"cornerforge.adversary.{learner}")
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        raise MissingExtraError("torch", "learn") from error
+
+
+def preset_named(name: str, learner: str = "dqn") -> TrainConfig:
+    """Look up a preset of a learner.
+
+    Raises:
+        UnknownNameError: There is no such learner, or it has no preset of that name.
+        MissingExtraError: PyTorch is missing; the DQN's presets need none.
+    """
+    if learner not in LEARNERS:
+        raise UnknownNameError("learner", learner, LEARNERS)
+    presets: Mapping[str, TrainConfig] = PRESETS if learner == "dqn" else _module_of(learner).PRESETS
+    if name not in presets:
+        raise UnknownNameError("preset", name, presets)
+    return presets[name]

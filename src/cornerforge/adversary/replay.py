@@ -12,14 +12,19 @@ from cornerforge.adversary.worlds import Transitions
 from cornerforge.sim import N_OBSERVATION
 from cornerforge.types import N_ACTIONS
 
-__all__ = ["BalancedMemory", "ReplayMemory", "allocate_transitions"]
+__all__ = ["KEPT", "BalancedMemory", "ReplayMemory", "allocate_transitions"]
+
+KEPT = tuple(name for name in Transitions._fields if name not in ("allowed", "log_prob"))
+"""Fields of `Transitions` that a replay memory holds; a learning target needs no others."""
 
 
 def allocate_transitions(n: int, n_inputs: int = N_OBSERVATION) -> Transitions:
     """Allocate n transitions with observations of `n_inputs` entries."""
     return Transitions(
         np.zeros((n, n_inputs), dtype=np.float32),
+        np.zeros((n, N_ACTIONS), dtype=np.bool_),
         np.zeros(n, dtype=np.int64),
+        np.zeros(n, dtype=np.float32),
         np.zeros(n, dtype=np.float32),
         np.zeros(n, dtype=np.bool_),
         np.zeros((n, n_inputs), dtype=np.float32),
@@ -46,7 +51,7 @@ class ReplayMemory:
         """Append a batch of at most `capacity` transitions."""
         n = batch.action.size
         first = min(n, self.capacity - self.place)
-        for name in Transitions._fields:
+        for name in KEPT:
             ring: NDArray[Any] = getattr(self.arrays, name)
             new: NDArray[Any] = getattr(batch, name)
             ring[self.place : self.place + first] = new[:first]
@@ -60,13 +65,13 @@ class ReplayMemory:
 
     def sample(self, indices: NDArray[np.int64], out: Transitions) -> None:
         """Copy the transitions at `indices`, each in [0, size), into `out` (`room` of that many)."""
-        for name in Transitions._fields:
+        for name in KEPT:
             # mode: without it NumPy copies by way of another array, to leave `out` alone if an index is wrong.
             np.take(getattr(self.arrays, name), indices, axis=0, out=getattr(out, name), mode="clip")
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Give views of the filled part, by field of `Transitions`; with `place` this is the whole state."""
-        return {name: getattr(self.arrays, name)[: self.size] for name in Transitions._fields}
+        """Give views of the filled part, by name in `KEPT`; with `place` this is the whole state."""
+        return {name: getattr(self.arrays, name)[: self.size] for name in KEPT}
 
     def restore(self, state: Mapping[str, NDArray[Any]], place: int) -> None:
         """Restore the state that `state` gave, with `place` of the same moment.
@@ -74,9 +79,9 @@ class ReplayMemory:
         Raises:
             ValueError: It does not fit into this memory.
         """
-        self.size = state[Transitions._fields[0]].shape[0]
+        self.size = state[KEPT[0]].shape[0]
         self.place = place
-        for name in Transitions._fields:
+        for name in KEPT:
             getattr(self.arrays, name)[: self.size] = state[name]
 
 
@@ -179,5 +184,5 @@ class BalancedMemory:
             KeyError, ValueError: Something is missing or does not fit into this memory.
         """
         for memory, name, place in zip((self.recent, self.paid), ("recent", "paid"), places, strict=True):
-            memory.restore({key: state[f"{name}.{key}"] for key in Transitions._fields}, place)
+            memory.restore({key: state[f"{name}.{key}"] for key in KEPT}, place)
         self._mark(slice(None), state["is_paid"])

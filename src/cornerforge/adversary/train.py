@@ -2,7 +2,7 @@
 
 Everything follows the number of decisions: acting uses the weights as they were when the iteration began, learning
 uses the transitions of the iterations before. So the weights depend on seed and configuration only, not on speed or
-threads; nor on interruptions: a checkpoint holds all that an iteration changes.
+threads; nor on interruptions: a checkpoint holds all that an iteration changes. What learns is `learner.Learner`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer
 from cornerforge.adversary.checkpoint import CheckpointFile, TrainingState
 from cornerforge.adversary.config import TrainConfig
-from cornerforge.adversary.learner import DqnLearner, below
+from cornerforge.adversary.learner import below
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.worlds import (
     CrashCases,
@@ -42,7 +42,6 @@ from cornerforge.foreign.driver import ForeignAv
 from cornerforge.results.learning import TrainingPoint
 from cornerforge.sim import (
     N_OBSERVATION,
-    POLICY,
     TOLD,
     Setting,
     allocate_scratch,
@@ -99,7 +98,7 @@ def _joined(first: CurvePoint, second: CurvePoint) -> CurvePoint:
 
 
 class Actor(Protocol):
-    """Worlds that produce transitions, with a network that learns from them.
+    """Worlds that produce transitions.
 
     Attributes:
         finished: Counts so far, int64 (3 or more,): tests, AV crashes, one of the actor's own, and paid
@@ -108,11 +107,11 @@ class Actor(Protocol):
 
     finished: NDArray[np.int64]
 
-    def warm_up(self) -> None:
+    def warm_up(self, exploring: Exploring) -> None:
         """Load the kernels that `act` calls, or compile them (once per installation); moves nobody."""
 
-    def act(self, weights: NDArray[np.float32], epsilon: float, out: Transitions) -> Transitions:
-        """One decision of every world; what it gives may lie in `out`, and is copied before the next call."""
+    def act(self, exploring: Exploring, out: Transitions) -> Transitions:
+        """Make one decision in every world; what it gives may lie in `out`, and is copied before the next call."""
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Everything that `act` changes and needs again, by name; views."""
@@ -135,7 +134,6 @@ class _Actor:
                 f"Only a reward that is judged by cases takes a verdict, and needs it; got {config.reward}."
             )
         self._cases = None if verdict is None else CrashCases(setting, slots, verdict)
-        self._guided = round(config.guided * config.worlds), config.guided_epsilon
         self._scratch = allocate_scratch(slots, setting.who.policy)
         self._keep = keep_nothing(slots)
         self._actors = allocate_actors(config.worlds, setting, slots, N_OBSERVATION)
@@ -144,17 +142,16 @@ class _Actor:
         with naming_tests(self._actors.worlds):
             start_worlds(seed, TRAINING_TESTS, setting, self._scratch, self._actors)
 
-    def warm_up(self) -> None:
+    def warm_up(self, exploring: Exploring) -> None:
         """Load the kernels that `act` calls, or compile them (once per installation); moves nobody."""
-        exploring, out = self._exploring(self._setting.who.policy.weights, 0.0), allocate_transitions(1)
+        out = allocate_transitions(1)
         if self._foreign is None:
             self._collect(0, exploring, out)
         else:
             self._foreign.warm_up(exploring, self._reward, out)
 
-    def act(self, weights: NDArray[np.float32], epsilon: float, out: Transitions) -> Transitions:
-        """One decision of every world with the given weights; returns `out`."""
-        exploring = self._exploring(weights, epsilon)
+    def act(self, exploring: Exploring, out: Transitions) -> Transitions:
+        """Make one decision in every world; returns `out`."""
         if self._foreign is None:
             self._collect(len(self._actors.allowed), exploring, out)
         else:
@@ -162,11 +159,8 @@ class _Actor:
         if self._cases is not None:
             paid = self._cases.judge(self._actors.worlds, self._actors.history)
             out.reward[paid] = 1.0
-            self._actors.finished["paid"] += int((paid >= self._guided[0]).sum())
+            self._actors.finished["paid"] += int((paid >= exploring.guided).sum())
         return out
-
-    def _exploring(self, weights: NDArray[np.float32], epsilon: float) -> Exploring:
-        return Exploring(POLICY, self._setting.who.policy._replace(weights=weights), epsilon, *self._guided)
 
     def _collect(self, n: int, exploring: Exploring, out: Transitions) -> None:
         """One decision of the first n worlds."""
@@ -201,11 +195,6 @@ class _Actor:
             self._foreign.close()
 
 
-def _epsilon(config: TrainConfig, decisions: int) -> float:
-    done = min(1.0, decisions / config.epsilon_decisions)
-    return config.epsilon_start + (config.epsilon_end - config.epsilon_start) * done
-
-
 def _learning_rate(config: TrainConfig, decisions: int, share_of_time: float = 0.0) -> float:
     """Let the rate fall as a cosine from first to final over the planned decisions, or over the time if shorter."""
     done = min(1.0, max(decisions / config.decisions, share_of_time))
@@ -234,7 +223,7 @@ def train_adversary(
         config: Hyperparameters; `config.decisions` says how long, rounded up to whole iterations.
         av: The AV, if it is a foreign one and the setting's AV is OUTSIDE. Tests in which it fails are in its `faults`.
         verdict: Which crashes are paid for, under a reward that is judged by cases; None: under any other.
-        seed: Determines tests, exploration, initial weights and replay draws.
+        seed: Determines tests, exploration, initial weights and batches.
         threads: 1 acts and learns by turns, more do both at once; the result is the same.
         max_seconds: Stop earlier after this time [s], over which the learning rate falls; then the result depends on
             the machine's speed.
@@ -284,26 +273,23 @@ class _Training:
 
     def __init__(self, worlds: Callable[[PolicyNumbers], Actor], config: TrainConfig, seed: int) -> None:
         self._config = config
-        self._learner = DqnLearner(config, seed)
-        shape, weights = config.network, self._learner.weights()
-        self._actor = worlds(PolicyNumbers(weights, shape.n_inputs, shape.n_shared, shape.n_stream, shape.width))
+        self._learner = config.make_learner(seed)
+        exploring = self._learner.exploring(0)
+        self._actor = worlds(exploring.policy)
         self._buffer = allocate_transitions(config.worlds)
         self._seen = np.zeros_like(self._actor.finished)
-        self._loss: float | None = None
         self.point_every = _POINT_EVERY
-        self.result = TrainResult(weights, 0, 0, 0.0)
-        self._actor.warm_up()
+        self.result = TrainResult(exploring.policy.weights, 0, 0, 0.0)
+        self._actor.warm_up(exploring)
 
     def iterate(self, pool: ThreadPoolExecutor, threads: int, share_of_time: float) -> None:
-        """One decision of each world, and the updates that go with them."""
+        """Make one decision in each world, and the updates that are due."""
         config, learner, decisions = self._config, self._learner, self.result.decisions
-        acting = pool.submit(self._actor.act, learner.weights(), _epsilon(config, decisions), self._buffer)
+        acting = pool.submit(self._actor.act, learner.exploring(decisions), self._buffer)
         if threads == 1:
             acting.result()
-        if learner.memory.recent.size >= config.replay_start:
-            updates = config.worlds // config.decisions_per_update
-            self._loss = learner.learn(updates, _learning_rate(config, decisions, share_of_time))
-        learner.memory.add(acting.result())
+        learner.learn(_learning_rate(config, decisions, share_of_time))
+        learner.note(acting.result())
         self.result.decisions += config.worlds
 
     def add_point(self) -> CurvePoint:
@@ -313,11 +299,10 @@ class _Training:
         self._seen[:] = finished
         rate = crashes / tests if tests else None
         paid_rate = paid[0] / tests if tests and paid else None
-        epsilon = round(_epsilon(self._config, result.decisions - self._config.worlds), 4)
-        seconds = round(result.seconds, 3)
         point = CurvePoint(
-            decisions=result.decisions, seconds=seconds, updates=self._learner.updates, epsilon=epsilon,
-            loss=self._loss, tests=tests, crashes_per_test=rate, paid_per_test=paid_rate,
+            decisions=result.decisions, seconds=round(result.seconds, 3), updates=self._learner.updates,
+            **self._learner.point(result.decisions - self._config.worlds),
+            tests=tests, crashes_per_test=rate, paid_per_test=paid_rate,
         )  # fmt: skip
         result.curve.append(point)
         if len(result.curve) == _MOST_POINTS:
@@ -327,7 +312,7 @@ class _Training:
 
     def finish(self) -> TrainResult:
         """Give the result, with the present weights."""
-        self.result.weights = self._learner.weights()
+        self.result.weights = self._learner.exploring(self.result.decisions).policy.weights
         self.result.updates = self._learner.updates
         return self.result
 
@@ -339,7 +324,6 @@ class _Training:
         values = {
             "decisions": result.decisions,
             "seconds": result.seconds,
-            "loss": self._loss,
             "point_every": self.point_every,
             "curve": [asdict(point) for point in result.curve],
             "learner": self._learner.values(),
@@ -352,7 +336,6 @@ class _Training:
         self._actor.restore(below("actor", saved.arrays))
         self._learner.restore(below("learner", saved.arrays), values["learner"])
         self._seen[:] = saved.arrays["seen"]
-        self._loss = values["loss"]
         self.point_every = values["point_every"]
         self.result.decisions = values["decisions"]
         self.result.seconds = values["seconds"]

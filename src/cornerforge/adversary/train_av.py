@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer, check_number
 from cornerforge.adversary.checkpoint import CheckpointFile
-from cornerforge.adversary.config import TrainConfig
+from cornerforge.adversary.config import DqnConfig
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.train import TRAINING_TESTS, CurvePoint, TrainResult, train_in
 from cornerforge.adversary.worlds import (
     AV_DECISIONS,
     HOSTILE,
     AvReward,
+    Exploring,
     Transitions,
     allocate_av_actors,
     collect_av,
@@ -46,9 +47,9 @@ from cornerforge.sim import (
 __all__ = ["AV_TRAINING", "AvTrainConfig", "train_av"]
 
 
-@dataclass(frozen=True)
-class AvTrainConfig(TrainConfig):
-    """`TrainConfig` for the AV. A decision is a second of one world here: two decisions of the AV.
+@dataclass(frozen=True, kw_only=True)
+class AvTrainConfig(DqnConfig):
+    """`DqnConfig` for the AV. A decision is a second of one world here: two decisions of the AV.
 
     Attributes:
         progress, acceleration, lane_change, nearness, time_gap: See `worlds.drive_av.AvReward`.
@@ -134,21 +135,22 @@ class _Actor:
         with naming_tests(self._actors.worlds):
             start_av_worlds(seed, TRAINING_TESTS, setting, self._scratch, self._actors)
 
-    def warm_up(self) -> None:
+    def warm_up(self, exploring: Exploring) -> None:
         """Load the kernels that `act` calls, or compile them (once per installation); moves nobody."""
-        self._collect(0, self._setting.av.network.weights, 0.0)
+        self._collect(0, exploring)
 
-    def act(self, weights: NDArray[np.float32], epsilon: float, out: Transitions) -> Transitions:  # noqa: ARG002
-        """One second of every world with the given weights."""
-        rows = self._collect(len(self._actors.allowed), weights, epsilon)
+    def act(self, exploring: Exploring, out: Transitions) -> Transitions:  # noqa: ARG002
+        """Drive every world for one second with the given network."""
+        rows = self._collect(len(self._actors.allowed), exploring)
         return Transitions._make(part[:rows] for part in self._out)
 
-    def _collect(self, n: int, weights: NDArray[np.float32], epsilon: float) -> int:
-        """One second of the first n worlds into `_out`; returns the number of transitions."""
-        av = self._setting.av
-        setting = self._setting._replace(av=av._replace(network=av.network._replace(weights=weights)))
+    def _collect(self, n: int, exploring: Exploring) -> int:
+        """Drive the first n worlds for one second into `_out`; returns the number of transitions."""
+        setting = self._setting._replace(av=self._setting.av._replace(network=exploring.policy))
         with naming_tests(self._actors.worlds):
-            rows = collect_av(n, epsilon, setting, self._reward, self._actors, self._scratch, self._keep, self._out)
+            rows = collect_av(
+                n, exploring.epsilon, setting, self._reward, self._actors, self._scratch, self._keep, self._out
+            )
         warn_of_left_out(self._scratch)
         return rows
 

@@ -15,7 +15,7 @@ from cornerforge.drivers.careful import CAREFUL, CarefulParams
 from cornerforge.drivers.flawed import FLAWS, FlawParams
 from cornerforge.drivers.idm import IdmNumbers, IdmParams
 from cornerforge.drivers.mobil import MobilNumbers, MobilParams
-from cornerforge.drivers.policy import NO_POLICY, NetworkShape, PolicyNumbers
+from cornerforge.drivers.policy import NO_POLICY, NetworkShape, PolicyNumbers, numbers_of_network
 from cornerforge.drivers.rss import RssNumbers, RssParams
 from cornerforge.drivers.sight import Sight, SightNumbers, numbers_of_sight
 from cornerforge.errors import InputError, UnknownNameError
@@ -246,8 +246,7 @@ def numbers_of_av(model: AvModel) -> AvNumbers:
     law = AV_KINDS[model.kind]
     network = NO_POLICY
     if model.network is not None:
-        s = model.network.shape
-        network = PolicyNumbers(model.network.weights, s.n_inputs, s.n_shared, s.n_stream, s.width)
+        network = numbers_of_network(model.network.weights, model.network.shape)
     return AvNumbers(
         IdmNumbers(*astuple(model.idm)),
         MobilNumbers(*astuple(model.mobil)),

@@ -15,7 +15,21 @@ from cornerforge._jit import kernel
 from cornerforge._schema import Closed, check_fields, meant
 from cornerforge.types import N_ACTIONS
 
-__all__ = ["NO_POLICY", "NetworkShape", "PolicyNumbers", "allocate_scratch", "best_action", "n_weights", "q_values"]
+__all__ = [
+    "HEADS",
+    "NO_POLICY",
+    "NetworkShape",
+    "PolicyNumbers",
+    "allocate_scratch",
+    "best_action",
+    "n_weights",
+    "numbers_of_network",
+    "q_values",
+]
+
+HEADS = {"greedy": 0, "softmax": 1}
+"""Codes of what a policy does with the values of its actions when nothing else is asked for. greedy: it takes the best
+one. softmax: it draws one with odds exp(value). `sim.adversaries` has the kernels."""
 
 
 class NetworkShape(Closed, frozen=True):
@@ -40,6 +54,7 @@ class PolicyNumbers(NamedTuple):
         weights: All layers one after the other: shared, value stream, advantage stream; each as its matrix (n_in,
             n_out), input by input, then its bias (n_out). float32.
         n_inputs, n_shared, n_stream, width: As in `NetworkShape`; n_inputs 0 means no policy.
+        head: A code of HEADS.
     """
 
     weights: NDArray[np.float32]
@@ -47,6 +62,7 @@ class PolicyNumbers(NamedTuple):
     n_shared: int
     n_stream: int
     width: int
+    head: int = HEADS["greedy"]
 
 
 NO_POLICY = PolicyNumbers(np.zeros(1, dtype=np.float32), 0, 0, 0, 1)
@@ -57,6 +73,11 @@ def n_weights(shape: NetworkShape) -> int:
     w = shape.width
     shared = (shape.n_inputs + 1) * w + (shape.n_shared - 1) * (w + 1) * w
     return shared + 2 * shape.n_stream * (w + 1) * w + (w + 1) * (1 + N_ACTIONS)
+
+
+def numbers_of_network(weights: NDArray[np.float32], shape: NetworkShape, head: str = "greedy") -> PolicyNumbers:
+    """Make what kernels take of flat weights, float32 (n_weights,), their shape, and a name of HEADS."""
+    return PolicyNumbers(weights, shape.n_inputs, shape.n_shared, shape.n_stream, shape.width, HEADS[head])
 
 
 def allocate_scratch(policy: PolicyNumbers) -> NDArray[np.float32]:

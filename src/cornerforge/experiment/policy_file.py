@@ -12,10 +12,10 @@ import numpy as np
 from msgspec import structs
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_is_json, check_number
+from cornerforge._checks import check_in, check_is_json, check_number
 from cornerforge._checksums import read_tensors, weights_of, write_tensors
 from cornerforge._schema import Closed, Whole, meant, read
-from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
+from cornerforge.drivers.policy import HEADS, NetworkShape, PolicyNumbers, n_weights, numbers_of_network
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.sim import N_OBSERVATION, OBSERVATION_VERSION
 
@@ -31,7 +31,7 @@ __all__ = [
     "save_policy",
 ]
 
-POLICY_SCHEMA = 1
+POLICY_SCHEMA = 2
 MAX_BUDGET = 1e6
 """Largest likelihood budget [nats], far above any shortfall of a test; a larger one is a mistake for "no limit"."""
 _KEY = "cornerforge"
@@ -51,9 +51,13 @@ class PolicyHeader(Closed, frozen=True):
         | None
     )
     about: Annotated[dict[str, Any], meant("How it was trained: free text and numbers that nothing depends on.")]
+    head: Annotated[
+        str, meant('How it acts: "greedy", or "softmax": drawn with odds exp(value). Version 1 lacks it and is greedy.')
+    ] = "greedy"
 
     def __post_init__(self) -> None:
         check_budget(self.budget, bounded=self.bounded)
+        check_in("head", self.head, tuple(HEADS))
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,7 @@ class Policy:
         about: How it was made: preset, hyperparameters, seed, ODD, AV and model hashes, curve; JSON-compatible.
         budget: Likelihood budget of a test [nats] that it learned and acts with, 0 to `MAX_BUDGET`; None: no limit.
             Only where it is bounded.
+        head: How it acts, a name of `drivers.policy.HEADS`.
     """
 
     weights: NDArray[np.float32]
@@ -74,6 +79,7 @@ class Policy:
     bounded: bool
     about: Mapping[str, object]
     budget: float | None = None
+    head: str = "greedy"
 
 
 def check_budget(budget: float | None, *, bounded: bool) -> float | None:
@@ -90,17 +96,18 @@ def check_budget(budget: float | None, *, bounded: bool) -> float | None:
 
 
 def policy_numbers(policy: Policy) -> PolicyNumbers:
-    """The policy as kernels take it."""
-    s = policy.shape
-    return PolicyNumbers(policy.weights, s.n_inputs, s.n_shared, s.n_stream, s.width)
+    """Make what kernels take of a policy."""
+    return numbers_of_network(policy.weights, policy.shape, policy.head)
 
 
 def policy_hash(policy: Policy) -> str:
-    """SHA-256 (first 16 hex digits) over what decides how it acts: shape, mask and weights."""
+    """Compute SHA-256 (first 16 hex digits) over what decides how it acts: shape, mask, head and weights."""
     s = policy.shape
     mask = f"{policy.bounded} {policy.budget}"
-    head = f"{OBSERVATION_VERSION} {s.n_inputs} {s.n_shared} {s.n_stream} {s.width} {mask}"
-    return hashlib.sha256(head.encode() + policy.weights.astype("<f4").tobytes()).hexdigest()[:16]
+    # The hash of a greedy policy is as it was when there were no others.
+    head = "" if policy.head == "greedy" else f" {policy.head}"
+    facts = f"{OBSERVATION_VERSION} {s.n_inputs} {s.n_shared} {s.n_stream} {s.width} {mask}{head}"
+    return hashlib.sha256(facts.encode() + policy.weights.astype("<f4").tobytes()).hexdigest()[:16]
 
 
 def save_policy(policy: Policy, path: Path) -> None:
@@ -114,6 +121,7 @@ def save_policy(policy: Policy, path: Path) -> None:
         "schema_version": POLICY_SCHEMA,
         "observation_version": OBSERVATION_VERSION,
         "network": structs.asdict(policy.shape),
+        "head": policy.head,
         "bounded": policy.bounded,
         "budget": policy.budget,
         "about": check_is_json("about", policy.about),
@@ -133,14 +141,14 @@ def load_policy(path: Path) -> Policy:
     _check_versions(header, path)
     told = read(PolicyHeader, header, f"Policy file {path} is damaged")
     weights = weights_of(path, tensors, n_weights(told.network), "policy")
-    return Policy(weights, told.network, told.bounded, told.about, told.budget)
+    return Policy(weights, told.network, told.bounded, told.about, told.budget, told.head)
 
 
 def _check_versions(header: Mapping[str, object], path: Path) -> None:
     schema = header.get("schema_version")
-    if schema != POLICY_SCHEMA:
+    if schema not in (1, POLICY_SCHEMA):
         raise FileFormatError(
-            f"Policy file {path} has schema version {schema}; this cornerforge reads {POLICY_SCHEMA}."
+            f"Policy file {path} has schema version {schema}; this cornerforge reads 1 and {POLICY_SCHEMA}."
         )
     version = header.get("observation_version")
     network = header.get("network")

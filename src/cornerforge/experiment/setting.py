@@ -28,6 +28,7 @@ from cornerforge.ndd.model import NddModel, default_model_path, load_model, mode
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import (
     ADVERSARIES,
+    AS_LEARNED,
     BUILT_IN,
     IDM_BVS,
     NATURALISTIC,
@@ -87,7 +88,7 @@ class Experiment:
         bounded: The NDD-bounded mask is on (in a mixture: for every policy).
         policies: The adversary's policies when `bv` is "policy"; each test is driven by one of them.
         budget: Likelihood budget of a test [nats]; None: no limit, or not the same for all policies.
-        acting: How policies act: "greedy" or "softmax:T".
+        acting: How policies act: "greedy", "softmax:T", or "learned", where one of them learnt to draw its actions.
         setting: The kernels' form of all this. A foreign AV is OUTSIDE in it also if it steers: only the AV itself
             says so, when it is opened (`opened_setting`).
         slots: Vehicle slots per world.
@@ -346,21 +347,25 @@ def _joint_hash(policies: Sequence[Policy]) -> str | None:
     return hashlib.sha256(" ".join(hashes).encode()).hexdigest()[:16]
 
 
-def temperature_of(acting: str) -> float:
-    """Return the temperature [units of Q]: 0 for "greedy", T for "softmax:T", `TEMPERATURE` for "softmax".
+def temperature_of(acting: str, policies: Sequence[Policy] = ()) -> float:
+    """Return the temperature of policies [units of Q or of logits].
+
+    0 for "greedy", T for "softmax:T", `TEMPERATURE` for "softmax", AS_LEARNED for "learned", or 0 if all are greedy.
 
     Raises:
-        UnknownNameError: The name is neither greedy nor softmax.
+        UnknownNameError: The name is none of these.
         InputError: T is not a number in [0.0001, 100].
 
     >>> temperature_of("greedy"), temperature_of("softmax:0.2")
     (0.0, 0.2)
     """
+    draws = any(policy.head != "greedy" for policy in policies)
+    without_number = {"learned": AS_LEARNED if draws else 0.0, "greedy": 0.0}
+    if acting in without_number:
+        return without_number[acting]
     name, colon, number = acting.partition(":")
-    if name not in ("greedy", "softmax") or (name == "greedy" and colon):
-        raise UnknownNameError("way to act", acting, ("greedy", "softmax", "softmax:T"))
-    if name == "greedy":
-        return 0.0
+    if name != "softmax":
+        raise UnknownNameError("way to act", acting, (*without_number, "softmax", "softmax:T"))
     if not colon:
         return TEMPERATURE
     try:
@@ -446,7 +451,7 @@ def experiment(
     *,
     bv: str | Path | Sequence[str | Path] = "nde",
     policy: Policy | Sequence[Policy] | None = None,
-    acting: str = "greedy",
+    acting: str = "learned",
     takes_foreign: bool = False,
     takes_recorded: bool = False,
     seed: int = 0,
@@ -460,7 +465,8 @@ def experiment(
         bv: "nde", "idm", a plain adversary ("uniform", "lane-changer", "swerve"), or the path of a policy file; several
             paths: each test is driven by one of these policies, drawn at random.
         policy: One or more policies in memory instead of paths in `bv`.
-        acting: How a policy acts: "greedy", "softmax" or "softmax:T" (see `temperature_of`).
+        acting: How a policy acts: "learned", as its head says, "greedy", "softmax" or "softmax:T" (see
+            `temperature_of`).
         takes_foreign: A foreign AV is allowed.
         takes_recorded: The AV may be RECORDED_AV: whatever was in its seat, as it was recorded; for cases on rails.
         seed: Seed that a foreign AV is told.
@@ -504,7 +510,7 @@ def experiment(
             f"The model {named} calls no acceleration impossible anywhere, so bounded would exclude nothing; fit one "
             "with: cornerforge ndd fit (it cuts what lies beyond its spread to 0), or leave out --bounded."
         )
-    temperature = temperature_of(acting)
+    temperature = temperature_of(acting, policies)
     if temperature > 0.0 and not policies:
         raise InputError(f"acting = {acting!r} needs a policy; {driver} has its own way. Give a policy file.")
     numbers = [policy_numbers(p) for p in policies]
@@ -525,6 +531,6 @@ def experiment(
             else cast_of(numbers, [p.bounded for p in policies], [budget_units(p.budget) for p in policies]),
         ),
     )
-    spoken = "greedy" if temperature == 0.0 else f"softmax:{temperature:g}"
+    spoken = {0.0: "greedy", AS_LEARNED: "learned"}.get(temperature, f"softmax:{temperature:g}")
     run = Experiment(road, av_model, ndd, driver, bounded, policies, budget, spoken, setting, n_slots(road))
     return _OutsideExperiment(**vars(run), outside=ForeignAv(spec, road, seed=seed)) if spec.is_outside else run

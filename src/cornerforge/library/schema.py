@@ -97,7 +97,7 @@ class RunIdentity:
     bv: Annotated[str, meant("What drives the BVs.")]
     bounded: Annotated[bool, meant("The adversary takes only actions that the naturalistic model can take.")]
     budget: Annotated[float, meant("Likelihood budget; null: no limit.", "nats", 0.0, 1e6)] | None
-    acting: Annotated[str, meant("How policies act: greedily, or at random.")]
+    acting: Annotated[str, meant("How policies act: greedily, at random, or as they learned to.")]
     policies: Annotated[int, meant("How many policies drive, in turn.", "", 0, 10_000)]
     policy_hash: Annotated[Hex | None, meant("Hash of them; null: none.")]
     av_steers: Annotated[bool, meant("The AV steers; missing: it does not.")] = False

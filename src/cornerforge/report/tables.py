@@ -117,7 +117,7 @@ def training_table(training: TrainingCurve) -> Table:
             _number(point.seconds, ".1f"),
             _number(point.crashes_per_test, ".4f"),
             str(point.tests),
-            f"{point.epsilon:.3f}",
+            _number(point.epsilon, ".3f"),
             _number(point.loss, ".3g"),
         ]
         for point in training.points

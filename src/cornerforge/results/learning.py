@@ -39,6 +39,7 @@ class LearnedPolicy(Learned):
 class _Training(Learned):
     """How it was trained."""
 
+    learner: Annotated[str, meant("What learned: dqn or ppo.")]
     preset: Annotated[str, PRESET]
     bounded: Annotated[bool, BOUNDED]
     budget: Annotated[float | None, BUDGET]
@@ -83,7 +84,7 @@ class TrainedAv(Rate, Learned):
 class TrainingPoint:
     """One point of a training curve, over the tests that ended since the point before.
 
-    The tests explore, at random only: tests of guided worlds (`TrainConfig.guided`) are not counted.
+    The tests explore, at random only: tests of guided worlds (`DqnConfig.guided`) are not counted.
     """
 
     decisions: Annotated[Whole, meant("Decisions learnt from so far.")]
@@ -91,14 +92,23 @@ class TrainingPoint:
         float | None, meant("Wall-clock so far; null in files, so that the same training gives the same bytes.", "s")
     ]
     updates: Annotated[Whole, meant("Steps of the optimiser so far.")]
-    epsilon: Annotated[float, meant("Share of decisions taken at random, 0 to 1.")]
-    loss: Annotated[float | None, meant("Temporal difference; null: nothing was learnt yet.")]
+    epsilon: Annotated[
+        float | None,
+        meant("Share of decisions taken at random, 0 to 1; null: the learner draws all by its probabilities."),
+    ]
+    loss: Annotated[
+        float | None,
+        meant("What the last step lowered, of the DQN the temporal difference; null: nothing was learnt yet."),
+    ]
     tests: Annotated[Whole, meant("Tests that count.")]
     crashes_per_test: Annotated[
         Share | None, meant("Share of the tests in which the AV crashed, 0 to 1; null: no tests.", "per test")
     ]
     paid_per_test: Annotated[
         Share | None, meant("Share of the tests with a reward of +1, 0 to 1; where it is counted.", "per test")
+    ] = None
+    entropy: Annotated[
+        float | None, meant("Mean entropy of the probabilities of actions, of PPO; null: of no other.", "nats")
     ] = None
 
 

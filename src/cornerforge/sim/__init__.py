@@ -107,6 +107,7 @@ if TYPE_CHECKING:
     )
     from cornerforge.sim.setting import (
         ADVERSARIES,
+        AS_LEARNED,
         BUILT_IN,
         IDM_BVS,
         NATURALISTIC,
@@ -149,8 +150,8 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
-    "ADVERSARIES", "AV_CRASH", "AV_FAULT", "AV_FEATURES_VERSION", "AV_MUST_ANSWER", "AV_VIEW_VERSION", "BUILT_IN",
-    "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDED", "DECIDES_EVERY", "HIGHEST_COMMAND", "IDM_BVS",
+    "ADVERSARIES", "AS_LEARNED", "AV_CRASH", "AV_FAULT", "AV_FEATURES_VERSION", "AV_MUST_ANSWER", "AV_VIEW_VERSION",
+    "BUILT_IN", "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDED", "DECIDES_EVERY", "HIGHEST_COMMAND", "IDM_BVS",
     "LEARNED_WIDTH", "LOWEST_COMMAND", "MAX_BRANCH", "MILESTONE", "NATURAL", "NATURALISTIC", "NEVER",
     "NOBODY", "NO_CAST", "N_AV_FEATURES", "N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "OUTSIDE", "OVER",
     "POLICY", "RAILS", "RECORDED", "RUNNING", "SCRIPTED", "SIGHT", "START_FIELDS", "STEERED", "SUBSTEPS", "TIME_UP",
@@ -188,7 +189,8 @@ _PLACES: dict[str, tuple[str, ...]] = {
     # setting
     "setting": (
         "Setting", "Controllers", "BUILT_IN", "OUTSIDE", "ADVERSARIES", "NOBODY", "POLICY", "TOLD", "SCRIPTED",
-        "NATURALISTIC", "IDM_BVS", "RAILS", "RECORDED", "NO_CAST", "STEERED", "answer_width", "cast_of", "is_outside",
+        "NATURALISTIC", "IDM_BVS", "RAILS", "RECORDED", "NO_CAST", "STEERED", "AS_LEARNED", "answer_width", "cast_of",
+        "is_outside",
     ),
     "av_kinds": ("DECIDES_EVERY", "built_in_av_decides"),
     # advance

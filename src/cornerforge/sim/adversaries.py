@@ -10,9 +10,9 @@ import numpy as np
 from cornerforge._elementary import exp, log
 from cornerforge._jit import inlined_kernel, kernel, kernel_by_code
 from cornerforge._philox import PURPOSE_ACT, PURPOSE_EXPLORE, block, uniform
-from cornerforge.drivers.policy import best_action, q_values
+from cornerforge.drivers.policy import HEADS, best_action, q_values
 from cornerforge.road.straight import ahead_by
-from cornerforge.sim.setting import ADVERSARIES
+from cornerforge.sim.setting import ADVERSARIES, POLICY
 from cornerforge.sim.world import moment_of
 from cornerforge.types import ACTION_ACCELERATIONS, ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, N_ACTIONS
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     Words = tuple[uint64, uint64, uint64, uint64]
 
-__all__ = ["choose_action", "sample_action"]
+__all__ = ["choose_action"]
 
 
 @kernel
@@ -59,20 +59,13 @@ def _nearest_allowed(acceleration: float, allowed: NDArray[np.bool_]) -> int:
 
 
 @inlined_kernel
-def _policy(_w: World, _bv: int, _words: Words, policy: PolicyNumbers, s: ChoiceScratch) -> int:
-    """The action of the largest Q."""
-    q_values(policy, s.observation, s.layers, s.q)
-    return best_action(s.q, s.allowed)
-
-
-@inlined_kernel
-def _uniform(_w: World, _bv: int, words: Words, _policy: PolicyNumbers, s: ChoiceScratch) -> int:
+def _uniform(_w: World, _bv: int, words: Words, s: ChoiceScratch) -> int:
     """Any allowed action, one as likely as another."""
     return _pick_allowed(s.allowed, 0, N_ACTIONS, uniform(words[1]))
 
 
 @inlined_kernel
-def _lane_changer(_w: World, _bv: int, words: Words, _policy: PolicyNumbers, s: ChoiceScratch) -> int:
+def _lane_changer(_w: World, _bv: int, words: Words, s: ChoiceScratch) -> int:
     """Two times in three an allowed lane change, else an allowed acceleration."""
     draw = uniform(words[1])
     if uniform(words[0]) < 2.0 / 3.0:
@@ -85,7 +78,7 @@ def _lane_changer(_w: World, _bv: int, words: Words, _policy: PolicyNumbers, s: 
 
 
 @inlined_kernel
-def _swerve(w: World, bv: int, _words: Words, _policy: PolicyNumbers, s: ChoiceScratch) -> int:
+def _swerve(w: World, bv: int, _words: Words, s: ChoiceScratch) -> int:
     """Come level with the AV in the next lane, its centre 1 m behind, then change into the AV's lane."""
     v = w.vehicles
     allowed = s.allowed
@@ -105,51 +98,24 @@ def _swerve(w: World, bv: int, _words: Words, _policy: PolicyNumbers, s: ChoiceS
     return _nearest_allowed(0.4 * (-1.0 - dx) + 1.0 * (v[0].speed - v[bv].speed), allowed)
 
 
-_RULES = {"policy": _policy, "uniform": _uniform, "lane-changer": _lane_changer, "swerve": _swerve}
-"""The rule of each adversary except "nobody". Each takes the world, the BV's slot, four random words of this decision,
-the network, and scratch that holds the mask and the observation; it returns an allowed action."""
-_rule_of: Any = kernel_by_code({name: code for name, code in ADVERSARIES.items() if name != "nobody"}, _RULES)
+_RULES = {"uniform": _uniform, "lane-changer": _lane_changer, "swerve": _swerve}
+"""The rule of each plain adversary. Each takes the world, the BV's slot, four random words of this decision, and
+scratch that holds the mask; it returns an allowed action."""
+_PLAIN = {name: code for name, code in ADVERSARIES.items() if name not in ("nobody", "policy")}
+_rule_of: Any = kernel_by_code(_PLAIN, _RULES)
 
 
 @inlined_kernel
-def choose_action(w: World, bv: int, kind: int, epsilon: float, policy: PolicyNumbers, s: ChoiceScratch) -> int:
-    """Choose the controlled BV's action among the actions marked in `s.allowed`.
-
-    Args:
-        w: The world.
-        bv: Slot of the controlled BV.
-        kind: A code of ADVERSARIES except NOBODY.
-        epsilon: Chance of a uniformly drawn allowed action instead.
-        policy: The network, for POLICY.
-        s: Scratch; `s.allowed` must be filled, and for POLICY `s.observation`.
-    """
-    state = w.state[0]
-    words = block(state.seed, state.test, moment_of(w), bv, PURPOSE_EXPLORE)
-    if epsilon > 0.0 and uniform(words[0]) < epsilon:
-        return _uniform(w, bv, words, policy, s)
-    action: int = _rule_of(kind, w, bv, words, policy, s)
-    return action
+def _best(_w: World, _bv: int, s: ChoiceScratch) -> tuple[int, float]:
+    """The action of the largest value, and the natural log of its probability."""
+    return best_action(s.q, s.allowed), 0.0
 
 
 @kernel
-def sample_action(w: World, bv: int, temperature: float, policy: PolicyNumbers, s: ChoiceScratch) -> tuple[int, float]:
-    """Choose a policy's action among the allowed ones: at temperature 0 the best, else drawn by exp(Q / T).
-
-    Args:
-        w: The world.
-        bv: Slot of the controlled BV.
-        temperature: T, in units of Q (chance of a crash), 0 or more.
-        policy: The network.
-        s: Scratch; `s.observation` and `s.allowed` must be filled. Its `q` is overwritten.
-
-    Returns:
-        The action, and the natural log of its probability under the policy (0 for the best).
-    """
+def _draw(w: World, bv: int, temperature: float, s: ChoiceScratch) -> tuple[int, float]:
+    """An action drawn with odds exp(value / T), and the natural log of its probability."""
     state = w.state[0]
-    q_values(policy, s.observation, s.layers, s.q)
     best = best_action(s.q, s.allowed)
-    if temperature <= 0.0:
-        return best, 0.0
     most = np.float64(s.q[best])
     total = 0.0
     for a in range(N_ACTIONS):
@@ -166,3 +132,57 @@ def sample_action(w: World, bv: int, temperature: float, policy: PolicyNumbers, 
                 if draw < 0.0:
                     break
     return chosen, (s.q[chosen] - most) / temperature - log(total)
+
+
+@inlined_kernel
+def _softmax(w: World, bv: int, s: ChoiceScratch) -> tuple[int, float]:
+    """Draw at temperature 1."""
+    action, log_prob = _draw(w, bv, 1.0, s)
+    return action, log_prob
+
+
+_act_by_head: Any = kernel_by_code(HEADS, {"greedy": _best, "softmax": _softmax})
+"""What each head does with the values in the scratch."""
+
+
+@kernel
+def _act(w: World, bv: int, temperature: float, policy: PolicyNumbers, s: ChoiceScratch) -> tuple[int, float]:
+    """Choose a policy's action, and give the natural log of its probability."""
+    q_values(policy, s.observation, s.layers, s.q)
+    if temperature < 0.0:
+        action, log_prob = _act_by_head(policy.head, w, bv, s)
+    elif temperature == 0.0:
+        action, log_prob = _best(w, bv, s)
+    else:
+        action, log_prob = _draw(w, bv, temperature, s)
+    return action, log_prob
+
+
+@inlined_kernel
+def choose_action(
+    w: World, bv: int, kind: int, epsilon: float, temperature: float, policy: PolicyNumbers, s: ChoiceScratch
+) -> tuple[int, float]:
+    """Choose the controlled BV's action among the actions marked in `s.allowed`.
+
+    Args:
+        w: The world.
+        bv: Slot of the controlled BV.
+        kind: A code of ADVERSARIES except NOBODY.
+        epsilon: Chance of a uniformly drawn allowed action instead.
+        temperature: For POLICY: 0 for the best action, T in units of its values to draw by exp(value / T), or
+            AS_LEARNED.
+        policy: The network, for POLICY.
+        s: Scratch; `s.allowed` must be filled, and for POLICY `s.observation`.
+
+    Returns:
+        The action, and the natural log of its probability under the policy that drew it; 0 where none drew it.
+    """
+    state = w.state[0]
+    words = block(state.seed, state.test, moment_of(w), bv, PURPOSE_EXPLORE)
+    if epsilon > 0.0 and uniform(words[0]) < epsilon:
+        return _uniform(w, bv, words, s), 0.0
+    if kind == POLICY:
+        action, log_prob = _act(w, bv, temperature, policy, s)
+        return action, log_prob
+    plain: int = _rule_of(kind, w, bv, words, s)
+    return plain, 0.0

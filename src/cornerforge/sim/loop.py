@@ -16,7 +16,7 @@ import numpy as np
 from cornerforge._jit import inlined_kernel, kernel, shared_kernel
 from cornerforge._philox import uniform
 from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND
-from cornerforge.sim.adversaries import choose_action, sample_action
+from cornerforge.sim.adversaries import choose_action
 from cornerforge.sim.av_kinds import built_in_av_decides
 from cornerforge.sim.chances import action_probabilities, remember_action
 from cornerforge.sim.decide import decide_bvs
@@ -213,9 +213,7 @@ def _adversary_acts(w: World, bv: int, setting: Setting, s: Scratch) -> tuple[in
         allowed_actions(w, bv, bounded, setting.road, setting.tables, c.starters, c.p, c.allowed)
         if who.critical == POLICY:
             observe(w, bv, setting.road, c.found, c.observation)
-            action, log_prob_policy = sample_action(w, bv, who.temperature, policy, c)
-        else:
-            action = choose_action(w, bv, who.critical, 0.0, policy, c)
+        action, log_prob_policy = choose_action(w, bv, who.critical, 0.0, who.temperature, policy, c)
     state.controlled = bv
     spend_budget(w, bv, action, setting.road, setting.tables, c.starters, c.p)
     return action, log_prob_policy

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ADVERSARIES",
+    "AS_LEARNED",
     "BUILT_IN",
     "IDM_BVS",
     "LIKELIEST",
@@ -48,12 +49,15 @@ lane changes. LIKELIEST: the likeliest action of the naturalistic model. STEERED
 steers. RECORDED: nobody; it is on rails too, where others are (`RAILS`)."""
 NOBODY, POLICY, UNIFORM, LANE_CHANGER, SWERVE, TOLD = range(6)
 ADVERSARIES = {"nobody": NOBODY, "policy": POLICY, "uniform": UNIFORM, "lane-changer": LANE_CHANGER, "swerve": SWERVE}
-"""Controllers of the critical BV, by name. nobody: the controller of the other BVs. policy: a Q-network. uniform: any
-allowed action. lane-changer: changes lanes two times in three. swerve: comes level with the AV in the next lane, then
-changes into its lane. TOLD, which has no name here: somebody outside the kernels."""
+"""Controllers of the critical BV, by name. nobody: the controller of the other BVs. policy: a learned network. uniform:
+any allowed action. lane-changer: changes lanes two times in three. swerve: comes level with the AV in the next lane,
+then changes into its lane. TOLD, which has no name here: somebody outside the kernels."""
 NATURALISTIC, IDM_BVS, SCRIPTED, RAILS = range(4)
 """Controllers of the other BVs: the naturalistic model, the IDM without lane changes, a script of actions for every BV,
 or rails that say where every BV is (`sim.rails`)."""
+
+AS_LEARNED = -1.0
+"""Temperature of a policy that acts as its head says (`drivers.policy.HEADS`)."""
 
 MEMBER = np.dtype(
     [
@@ -63,12 +67,13 @@ MEMBER = np.dtype(
         ("n_shared", "i8"),
         ("n_stream", "i8"),
         ("width", "i8"),
+        ("head", "i8"),
         ("bounded", "i8"),
         ("budget", "i8"),
     ]
 )
-"""A policy of a mixture: where its weights begin and end, its network's shape, its mask and its likelihood budget
-(`observe.budget_units`)."""
+"""A policy of a mixture: where its weights begin and end, its network's shape and its head, its mask and its likelihood
+budget (`observe.budget_units`)."""
 
 
 class Cast(NamedTuple):
@@ -97,7 +102,8 @@ class Controllers(NamedTuple):
         bounded: 1 for the NDD-bounded mask.
         policy: The adversary's network; of a mixture the widest one, which decides the size of scratch.
         budget: Likelihood budget of a test (`observe.budget_units`); 0: no limit. Needs `bounded`.
-        temperature: Temperature at which a policy draws its actions; 0: it takes the best one.
+        temperature: Temperature at which a policy draws its actions; 0: it takes the best one; AS_LEARNED: as its
+            head says.
         cast: The mixture of policies, each with its own mask and budget; empty for none.
         script: Action of each vehicle at each decision, int8 (K, N), for SCRIPTED; the test is cut off after K.
         rails: Starts and rails of the tests, for RAILS; then nobody is critical.
@@ -187,4 +193,5 @@ def critical_of(seed: int, test: int, who: Controllers) -> tuple[PolicyNumbers, 
         return who.policy, who.bounded, who.budget
     row = members[cast_index(seed, test, members.size)]
     weights = who.cast.weights[row.begin : row.end]
-    return PolicyNumbers(weights, row.n_inputs, row.n_shared, row.n_stream, row.width), row.bounded, row.budget
+    network = PolicyNumbers(weights, row.n_inputs, row.n_shared, row.n_stream, row.width, row.head)
+    return network, row.bounded, row.budget

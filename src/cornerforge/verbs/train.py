@@ -180,8 +180,8 @@ def learn(
             progress=curve_report(told, config, max_seconds),
             checkpoint=checkpoint,
         )
-    policy = Policy(result.weights, config.network, run.bounded, _about(run, config, result, seed), run.budget)
-    return policy, result
+    about = _about(run, config, result, seed)
+    return Policy(result.weights, config.network, run.bounded, about, run.budget, config.head), result
 
 
 def training_faults(run: Experiment) -> int:
@@ -282,7 +282,7 @@ def measure_baselines(
 
 @verb(Train)
 def train(options: Train) -> Trained:
-    """Train the adversary (dueling double DQN) and write its policy.
+    """Train the adversary and write its policy.
 
     The policy is the one at the end of training; tests are not used to pick one. It and the plain adversaries are
     measured on evaluation tests, which no training and no generation uses.
@@ -294,7 +294,7 @@ def train(options: Train) -> Trained:
         CornerForgeError: Input, files or output place are not right.
     """
     path = Path(options.out)
-    config = replace(preset_named(options.preset), reward=options.reward, delay_s=options.delay)
+    config = replace(preset_named(options.preset, options.learner), reward=options.reward, delay_s=options.delay)
     if options.decisions is not None:
         config = replace(config, decisions=options.decisions)
     if options.minutes is not None and options.decisions is None:
@@ -349,6 +349,7 @@ def train(options: Train) -> Trained:
         decisions=about["decisions"],
         updates=about["updates"],
         seconds=round(seconds, 3),
+        learner=options.learner,
         preset=options.preset,
         bounded=run.bounded,
         budget=run.budget,

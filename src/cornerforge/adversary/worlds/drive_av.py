@@ -251,6 +251,8 @@ def collect_av(
             action = _choose(w, epsilon, setting, s, observation, allowed)
             for k in range(observation.size):
                 out.observation[rows, k] = observation[k]
+            for a in range(allowed.size):
+                out.allowed[rows, a] = allowed[a]
             command, lane = av_order(w, action, _ACCELERATIONS)
             answer_as_av(w, command, lane)
             over = advance(w, own, s, keep, NEVER) == OVER

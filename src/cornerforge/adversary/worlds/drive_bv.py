@@ -19,6 +19,7 @@ from cornerforge.errors import InputError
 from cornerforge.road.straight import ahead_by
 from cornerforge.sim import (
     ADVERSARIES,
+    AS_LEARNED,
     AV_CRASH,
     AV_FAULT,
     AV_MUST_ANSWER,
@@ -81,10 +82,20 @@ _NOBODY = "There is no background vehicle to control in 1000 tests on end; use a
 
 
 class Transitions(NamedTuple):
-    """One learning step of each of B worlds: (B, D) observations, (B,) actions, rewards and ends, (B, 33) masks."""
+    """One learning step of each of B worlds.
+
+    Attributes:
+        observation, allowed: What the critical BV saw, (B, D), and its action mask, (B, 33).
+        action, log_prob: What it did, (B,), and the natural log of the probability with which the policy drew that,
+            (B,); 0 where the policy did not draw.
+        reward, end: What came of it, (B,); whether the test was over then, (B,).
+        next_observation, next_allowed: As the first two, a second later; at the start of the next test after an end.
+    """
 
     observation: NDArray[np.float32]
+    allowed: NDArray[np.bool_]
     action: NDArray[np.int64]
+    log_prob: NDArray[np.float32]
     reward: NDArray[np.float32]
     end: NDArray[np.bool_]
     next_observation: NDArray[np.float32]
@@ -136,7 +147,7 @@ class Exploring(NamedTuple):
     """How actions are chosen in the worlds of a training.
 
     Attributes:
-        kind: Code of ADVERSARIES; it chooses when nothing is explored.
+        kind: Code of ADVERSARIES; it chooses when nothing is explored, a policy as its head says.
         policy: Its network.
         epsilon: Chance of a uniformly drawn allowed action instead.
         guided: Number of worlds, the first ones, in which exploring is guided: mostly an action that helps to make a
@@ -345,15 +356,16 @@ def choose(b: int, exploring: Exploring, actors: Actors, s: Scratch, out: Transi
     """Choose the action of world b's critical BV, by the policy or by exploring, and note it with what the BV sees."""
     w = world_row(actors.worlds, b)
     _copy_view(actors.observation[b], actors.allowed[b], s.choice.observation, s.choice.allowed)
-    _copy_view(actors.observation[b], actors.allowed[b], out.observation[b], s.choice.allowed)
+    _copy_view(actors.observation[b], actors.allowed[b], out.observation[b], out.allowed[b])
     bv = w.state[0].controlled
-    kind, epsilon, action = exploring.kind, exploring.epsilon, -1
+    kind, epsilon, action, log_prob = exploring.kind, exploring.epsilon, -1, 0.0
     if b < exploring.guided:
         kind, action = _guided(w, bv, exploring, s.choice.allowed)
         epsilon = 0.0
     if action < 0:
-        action = choose_action(w, bv, kind, epsilon, exploring.policy, s.choice)
+        action, log_prob = choose_action(w, bv, kind, epsilon, AS_LEARNED, exploring.policy, s.choice)
     out.action[b] = action
+    out.log_prob[b] = log_prob
     actors.history.action[b, w.state[0].decisions] = action
     return action
 

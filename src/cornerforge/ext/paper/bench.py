@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cornerforge.adversary.config import TrainConfig, preset_named
+from cornerforge.adversary.config import PRESETS, DqnConfig
 from cornerforge.adversary.worlds import REWARDS, reward_numbers
 from cornerforge.analysis.crash_types import CRASH_TYPES, STRIKERS
 from cornerforge.analysis.mechanism import crash_types_of
@@ -203,10 +203,10 @@ class Bench:
             )  # fmt: skip
         return experiment(self._world, av=av, policy=self.policy(adversary, k), takes_foreign=True, seed=seed)
 
-    def config(self, adversary: Adversary) -> TrainConfig:
+    def config(self, adversary: Adversary) -> DqnConfig:
         """Return the hyperparameters of a learned adversary: preset `fast` with the effort's length and its reward."""
         decisions = self.size.bounded_decisions if adversary.bounded else self.size.decisions
-        return replace(preset_named("fast"), decisions=decisions, reward=adversary.reward or "crash")
+        return replace(PRESETS["fast"], decisions=decisions, reward=adversary.reward or "crash")
 
     def policy(self, adversary: Adversary, k: int = 0) -> Policy:
         """The k-th training of a learned adversary: from `policies/`, where it was made of the same, or trained now.

@@ -44,7 +44,7 @@ class Generate(WorldOptions, Resumable, Weighed):
     ]
     out: Annotated[Path | str, Option("Library to fill.")]
     cases: Annotated[int, Option("How many cases.", low=1, high=10**8)] = 1_000
-    acting: Annotated[str, ACTING] = "greedy"
+    acting: Annotated[str, ACTING] = "learned"
 
 
 @dataclass(frozen=True, kw_only=True)

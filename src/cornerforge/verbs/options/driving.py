@@ -12,7 +12,11 @@ from cornerforge.world_options import PLAIN_ADVERSARIES, AvOptions, WorldOptions
 
 __all__ = ["ACTING", "COMMANDS", "CheckAv", "ListAvs", "Rate", "Simulate"]
 
-ACTING = Option("How a policy acts: greedy, or softmax:T to draw by exp(Q / T).", near=("greedy", "softmax"))
+ACTING = Option(
+    "How a policy acts: learned (a DQN's greedily, PPO's by its probabilities), greedy, or softmax:T to draw by "
+    "exp(Q / T).",
+    near=("learned", "greedy", "softmax"),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +32,7 @@ class Simulate(WorldOptions, Resumable, Weighed):
             near=("nde", "idm", *PLAIN_ADVERSARIES), also="--policy",
         ),
     ] = "nde"  # fmt: skip
-    acting: Annotated[str, ACTING] = "greedy"
+    acting: Annotated[str, ACTING] = "learned"
     stats: Annotated[bool, Option("Add distributions over all background vehicles.")] = False
     out: Annotated[Path | str | None, Option("Store the crashes in this library.")] = None
 

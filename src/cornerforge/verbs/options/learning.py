@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from cornerforge._options import Command, Option, Options, Resumable, Weighed
-from cornerforge.world_options import REWARD_NAMES, RoadOptions, WorldOptions
+from cornerforge.world_options import LEARNERS, REWARD_NAMES, RoadOptions, WorldOptions
 
 __all__ = ["COMMANDS", "REWARD", "Train", "TrainAv"]
 
@@ -57,7 +57,8 @@ class Train(WorldOptions, _Length, Weighed):
             "Date and duration stand in `NAME.provenance.json` beside it, so the same training gives the same bytes.",
         ),
     ]
-    preset: Annotated[str, Option("fast or paper.", near=("fast", "paper"))] = "fast"
+    learner: Annotated[str, Option("Algorithm that learns.", choices=LEARNERS)] = "dqn"
+    preset: Annotated[str, Option("fast, or of dqn paper.", near=("fast", "paper"))] = "fast"
     reward: Annotated[str, REWARD] = "crash"
     delay: Annotated[float, Option("Seconds that the AV has to react, in avoidable.")] = 1.0
     tests: Annotated[int, Option("Evaluation tests for each yield.", low=1, high=10**9)] = 8192

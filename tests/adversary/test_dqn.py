@@ -1,4 +1,4 @@
-"""The learner on problems with a known answer: exact Q*, masks, one batch by heart, schedules."""
+"""The DQN on problems with a known answer: exact Q*, masks, one batch by heart, schedules."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import torch
 
-from cornerforge.adversary.config import PRESETS, TrainConfig, preset_named
-from cornerforge.adversary.learner import DqnLearner
+from cornerforge.adversary.config import PRESETS, DqnConfig, preset_named
+from cornerforge.adversary.dqn import DqnLearner
 from cornerforge.adversary.replay import allocate_transitions
-from cornerforge.adversary.train import _epsilon, _learning_rate
+from cornerforge.adversary.train import _learning_rate
 from cornerforge.adversary.worlds.drive_bv import Transitions
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.sim.observe import N_OBSERVATION
@@ -78,12 +78,17 @@ def corridor(allowed: tuple[int, ...]) -> Transitions:
     return batch
 
 
+def values_of(learner: DqnLearner, observation: np.ndarray) -> np.ndarray:
+    with torch.no_grad():
+        return learner.network(torch.from_numpy(observation)).numpy()
+
+
 def learned_q(allowed: tuple[int, ...]) -> np.ndarray:
     learner = DqnLearner(SMALL, seed=0)
-    learner.memory.add(corridor(allowed))
+    learner.note(corridor(allowed))
     for learning_rate in (3e-3, 1e-3, 1e-4):
-        learner.learn(500, learning_rate)
-    return learner.q(np.eye(N_STATES, N_OBSERVATION, dtype=np.float32))[:, ACTIONS]
+        learner.descend(500, learning_rate)
+    return values_of(learner, np.eye(N_STATES, N_OBSERVATION, dtype=np.float32))[:, ACTIONS]
 
 
 def test_learner_reaches_exact_q_and_never_takes_the_maximum_over_a_masked_action() -> None:
@@ -106,35 +111,35 @@ def test_learner_knows_one_batch_by_heart(seed: int) -> None:
     batch.reward[:] = rng.integers(-1, 2, 64)
     batch.end[:] = True
     learner = DqnLearner(replace(SMALL, width=64), seed=0)
-    learner.memory.add(batch)
-    before = learner.learn(1, 1e-3)
-    after = learner.learn(800, 1e-3)
+    learner.note(batch)
+    losses = []
+    for steps in (1, 800):
+        learner.descend(steps, 1e-3)
+        losses.append(learner.point(0)["loss"])
+    before, after = losses
+    assert before is not None
+    assert after is not None
     assert before > 0.1
     assert after < 1e-3
 
 
-def test_targets_are_cut_to_what_a_return_can_be() -> None:
-    learner = DqnLearner(SMALL, seed=0)
+@pytest.mark.parametrize("limit", [1.0, 3.0])
+def test_targets_are_cut_to_their_limit(limit: float) -> None:
+    learner = DqnLearner(replace(SMALL, target_limit=limit), seed=0)
     batch = allocate_transitions(64)
     batch.reward[:] = 50.0
     batch.end[:] = True
-    learner.memory.add(batch)
-    learner.learn(600, 3e-3)
-    assert learner.q(np.zeros((1, N_OBSERVATION), dtype=np.float32))[0, 0] == pytest.approx(1.0, abs=0.05)
-
-
-def test_making_a_learner_leaves_the_users_random_numbers_alone() -> None:
-    before = torch.get_rng_state()
-    DqnLearner(SMALL, seed=0)
-    assert torch.equal(before, torch.get_rng_state())
+    learner.note(batch)
+    learner.descend(900, 3e-3)
+    value = values_of(learner, np.zeros((1, N_OBSERVATION), dtype=np.float32))[0, 0]
+    assert value == pytest.approx(limit, abs=0.05 * limit)
 
 
 def test_epsilon_falls_in_a_straight_line_and_stays() -> None:
-    config = replace(SMALL, epsilon_start=0.8, epsilon_end=0.2, epsilon_decisions=1000)
-    assert _epsilon(config, 0) == pytest.approx(0.8)
-    assert _epsilon(config, 500) == pytest.approx(0.5)
-    assert _epsilon(config, 1000) == pytest.approx(0.2)
-    assert _epsilon(config, 10**9) == pytest.approx(0.2)
+    learner = DqnLearner(replace(SMALL, epsilon_start=0.8, epsilon_end=0.2, epsilon_decisions=1000), seed=0)
+    for decisions, epsilon in ((0, 0.8), (500, 0.5), (1000, 0.2), (10**9, 0.2)):
+        assert learner.exploring(decisions).epsilon == pytest.approx(epsilon)
+        assert learner.point(decisions)["epsilon"] == pytest.approx(epsilon)
 
 
 def test_learning_rate_falls_as_a_cosine_and_stays() -> None:
@@ -146,7 +151,7 @@ def test_learning_rate_falls_as_a_cosine_and_stays() -> None:
 
 
 def test_preset_paper_is_table_1_of_the_paper() -> None:
-    paper = preset_named("paper")
+    paper = PRESETS["paper"]
     assert (paper.optimiser, paper.learning_rate, paper.final_learning_rate) == ("sgd", 1e-6, 1e-6)
     assert (paper.batch, paper.replay_size, paper.replay_start, paper.target_update) == (16, 1_000_000, 5_000, 1_000)
     assert (paper.epsilon_start, paper.epsilon_end, paper.discount) == (1.0, 0.1, 1.0)
@@ -158,7 +163,7 @@ def test_preset_paper_is_table_1_of_the_paper() -> None:
     [
         ("learning_rate", 0.0), ("learning_rate", float("nan")), ("discount", 1.5), ("epsilon_end", -0.1), ("batch", 0),
         ("decisions", 0), ("replay_start", 4097), ("replay_size", 63), ("decisions_per_update", 65),
-        ("optimiser", "amad"),
+        ("optimiser", "amad"), ("target_limit", 0.0), ("guided_epsilon", 1.5),
     ],
 )  # fmt: skip
 def test_settings_out_of_range_are_named(name: str, value: float | str) -> None:
@@ -172,4 +177,4 @@ def test_an_unknown_preset_suggests_the_nearest() -> None:
 
 
 def test_presets_are_valid_and_named() -> None:
-    assert all(isinstance(config, TrainConfig) and config.preset == name for name, config in PRESETS.items())
+    assert all(isinstance(config, DqnConfig) and config.preset == name for name, config in PRESETS.items())
