@@ -18,7 +18,7 @@ import pytest
 
 from cornerforge.adversary.worlds.rewards import REWARDS
 from cornerforge.sim.setting import ADVERSARIES
-from cornerforge.world_options import PLAIN_ADVERSARIES, REWARD_NAMES
+from cornerforge.world_options import LEARNERS, PLAIN_ADVERSARIES, REWARD_NAMES
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "cornerforge"
@@ -115,8 +115,90 @@ _RULES = {"braker": _braker, "uniform": _uniform,''',
     ],
     "world_options.py": [('PLAIN_ADVERSARIES = ("uniform",', 'PLAIN_ADVERSARIES = ("uniform", "braker",')],
 }
+LEARNER: Recipe = {
+    "adversary/reinforce.py": [
+        (
+            "",
+            '''"""REINFORCE on the reward of each single decision."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+
+from cornerforge.adversary.config import TrainConfig
+from cornerforge.adversary.network import TrainableNetwork
+from cornerforge.adversary.worlds import Exploring
+from cornerforge.drivers.policy import numbers_of_network
+from cornerforge.sim import POLICY
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config(TrainConfig):
+    """Nothing besides what every learner has."""
+
+    head: ClassVar[str] = "softmax"
+
+    learner: str = "reinforce"
+
+
+PRESETS = {
+    "fast": Config(
+        preset="fast", learning_rate=0.1, final_learning_rate=0.01, worlds=64, decisions=20_000, n_shared=1, n_stream=0,
+        width=16,
+    )
+}
+
+
+class Reinforce:
+    """Raises the log-probability of what was paid."""
+
+    def __init__(self, config, seed):
+        self._config, self.updates, self._loss, self._batch = config, 0, None, None
+        self._network = TrainableNetwork(config.network, seed, "sgd", 1.0)
+
+    def exploring(self, decisions):
+        numbers = numbers_of_network(self._network.weights(), self._config.network, self._config.head)
+        return Exploring(POLICY, numbers, 0.0, 0, 0.0)
+
+    def note(self, batch):
+        parts = (batch.observation, batch.allowed, batch.action, batch.reward)
+        self._batch = [torch.from_numpy(part.copy()) for part in parts]
+
+    def learn(self, learning_rate):
+        if self._batch is not None:
+            observation, allowed, action, reward = self._batch
+            log_probs = self._network(observation).masked_fill(~allowed, -1e9).log_softmax(dim=1)
+            loss = -(log_probs.gather(1, action.unsqueeze(1)).squeeze(1) * reward).mean()
+            self._network.descend(loss, learning_rate)
+            self._loss, self._batch = loss.item(), None
+            self.updates += 1
+
+    def point(self, decisions):
+        return {"loss": self._loss, "epsilon": None}
+
+    def arrays(self):
+        return self._network.arrays()
+
+    def values(self):
+        return {"updates": self.updates, "loss": self._loss}
+
+    def restore(self, arrays, values):
+        self._network.restore(arrays)
+        self.updates, self._loss = values["updates"], values["loss"]
+
+
+make_learner = Reinforce
+''',
+        )
+    ],
+    "world_options.py": [('LEARNERS = ("dqn", ', 'LEARNERS = ("dqn", "reinforce", ')],
+}
 RECIPES = {
     "Add a metric": METRIC, "Add an AV law": AV_LAW, "Add a reward": REWARD, "Add an adversary": ADVERSARY,
+    "Add a learner": LEARNER,
 }  # fmt: skip
 
 USE = """
@@ -146,6 +228,10 @@ def trained(reward):
     paid = sum(point.tests * point.paid_per_test for point in result.curve if point.tests)
     return {"updates": result.updates, "paid": paid}
 
+def taught(learner):
+    policy, result = learn(experiment(av="gentle"), preset_named("fast", learner), seed=3, threads=1)
+    return {"updates": result.updates, "head": policy.head}
+
 print(json.dumps({
     "mttc": mttc([20.0, 20.0, -1.0], [-5.0, 0.0, 5.0], [0.0, -1.0, 0.0]).tolist(),
     "avs": [av.name for av in avs().avs],
@@ -153,6 +239,7 @@ print(json.dumps({
     "idm-mobil": driven(bv="swerve"),
     "gentle": driven(bv="swerve", av="gentle"),
     "braker": driven(bv="braker", av="gentle"),
+    "reinforce": taught("reinforce"),
     "trained": {reward: trained(reward) for reward in ("crash", "striking", "struck")},
 }))
 """
@@ -179,7 +266,7 @@ def python(folder: Path, code: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a copy of the package that holds all four extensions."""
+    """A folder with a copy of the package that holds all extensions."""
     folder = tmp_path_factory.mktemp("scratch")
     shutil.copytree(PACKAGE, folder / "cornerforge", ignore=shutil.ignore_patterns("__pycache__"))
     for recipe in RECIPES.values():
@@ -210,6 +297,7 @@ def test_contributing_names_the_files_that_an_extension_touches(title: str) -> N
 
 def test_help_names_what_there_is() -> None:
     assert {"nobody", "policy", *PLAIN_ADVERSARIES} == set(ADVERSARIES)
+    assert all((PACKAGE / "adversary" / f"{learner}.py").exists() for learner in LEARNERS)
     assert set(REWARD_NAMES) == set(REWARDS)
 
 
@@ -256,7 +344,7 @@ def test_what_is_forgotten_is_an_error_that_names_it(scratch: Path, tmp_path: Pa
 
 
 @pytest.mark.slow
-def test_the_four_extensions_work(scratch: Path) -> None:
+def test_the_extensions_work(scratch: Path) -> None:
     done = python(scratch, USE)
     assert done.returncode == 0, done.stderr
     found: dict[str, Any] = json.loads(done.stdout)
@@ -270,6 +358,10 @@ def test_the_four_extensions_work(scratch: Path) -> None:
     assert found["braker"]["digest"] != found["gentle"]["digest"]
     assert found["braker"]["av_crashes"] > 0, "it brakes with 0.5 m/s2, whoever brakes before it"
     assert all("braker" in found["help"][command] for command in ("simulate", "generate"))
+
+    assert "reinforce" in found["help"]["train"]
+    assert found["reinforce"]["updates"] == 20_032 // 64 - 1
+    assert found["reinforce"]["head"] == "softmax"
 
     assert "struck" in found["help"]["train"]
     assert found["trained"]["struck"]["updates"] > 0

@@ -39,6 +39,7 @@ SMOKE: dict[str, set[str]] = {
     "rate --method mc --av flawed-not-behind --max-tests 300 --out r": RATE | {"effective_sample_size", "acceleration"},
     "rate --method splitting --av flawed-not-behind --max-tests 6000": RATE,
     "train --decisions 1024 --tests 50 --out p.safetensors": {"decisions", "seconds", "crashes_per_test", "interval95"},
+    "train --learner ppo --decisions 16896 --tests 50 --out q.safetensors": {"updates", "crashes_per_test", "out"},
     "train-av --decisions 1024 --tests 50 --out a.safetensors": {"decisions", "out"},
     "generate --policy swerve --cases 4 --out lib": {"cases", "tests", "crashes_per_test", "interval95", "library"},
     "run --effort quick --av flawed-not-behind --out run": {"out", "nde", "train", "generate", "analyse", "seconds"},

@@ -36,7 +36,7 @@ PLAIN_ADVERSARIES = ("uniform", "lane-changer", "swerve")
 REWARD_NAMES = ("crash", "striking", "avoidable", "preventable", "preventable-by-braking", "own-fault")
 """Names of `adversary.worlds.rewards.REWARDS`, which says what they pay for."""
 
-LEARNERS = ("dqn",)
+LEARNERS = ("dqn", "ppo")
 """Names of learners, as help names them; each is the file of that name in `adversary/`."""
 
 

@@ -21,7 +21,7 @@ from safetensors.numpy import save_file
 
 from cornerforge._checksums import write_tensors
 from cornerforge.adversary.checkpoint import CheckpointFile, TrainingState
-from cornerforge.adversary.config import PRESETS, TrainConfig
+from cornerforge.adversary.config import PRESETS, TrainConfig, preset_named
 from cornerforge.adversary.replay import BalancedMemory
 from cornerforge.adversary.train import CurvePoint, TrainResult, train_adversary
 from cornerforge.adversary.worlds.drive_bv import Transitions
@@ -38,6 +38,8 @@ TINY = replace(
 PLAIN = replace(TINY, optimiser="sgd", learning_rate=0.05, final_learning_rate=0.01)
 LATE = replace(TINY, replay_start=4096)
 """Learns only after the first point: what is kept there holds an optimiser that has seen nothing."""
+PPO = replace(preset_named("fast", "ppo"), width=16, batch=512, rollout=24, worlds=64, decisions=120 * 64)
+"""It learns in iterations 25, 49 and so on, so that a stop after 50 leaves two decisions of each world noted."""
 IDENTITY: dict[str, object] = {"seed": 3, "lanes": (1, 2)}
 
 
@@ -89,7 +91,7 @@ def stopped(world: Experiment, tmp_path: Path) -> Path:
 
 
 @pytest.mark.sampled(2)
-@pytest.mark.parametrize("config", [TINY, PLAIN, LATE], ids=["adam", "sgd", "late"])
+@pytest.mark.parametrize("config", [TINY, PLAIN, LATE, PPO], ids=["adam", "sgd", "late", "ppo"])
 @pytest.mark.parametrize("decisions", [3200, 6400, 7680])
 def test_a_stopped_training_goes_on_to_the_same_weights(
     config: TrainConfig, decisions: int, world: Experiment, unbroken: Unbroken, tmp_path: Path
@@ -135,6 +137,21 @@ def test_negative_control_every_part_is_needed(part: str, world: Experiment, unb
     checkpoint = CheckpointFile(stopped, IDENTITY)
     checkpoint.write(TrainingState({**saved.arrays, part: broken}, saved.values))
     assert go(world, TINY, checkpoint).weights.tobytes() != unbroken(TINY).weights.tobytes()
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("part", ["rows.observation", "rows.allowed", "rows.log_prob", "rows.reward"])
+def test_negative_control_what_ppo_noted_is_needed(
+    part: str, world: Experiment, unbroken: Unbroken, tmp_path: Path
+) -> None:
+    checkpoint = CheckpointFile(tmp_path / "p.checkpoint", IDENTITY)
+    with pytest.raises(KeyboardInterrupt):
+        go(world, PPO, checkpoint, progress=stop_at(3200))
+    saved = checkpoint.read()
+    assert saved is not None
+    array = saved.arrays[f"learner.{part}"]
+    checkpoint.write(TrainingState({**saved.arrays, f"learner.{part}": np.roll(array, 1, axis=0)}, saved.values))
+    assert go(world, PPO, checkpoint).weights.tobytes() != unbroken(PPO).weights.tobytes()
 
 
 @pytest.mark.full

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +16,8 @@ from cornerforge.adversary.worlds.drive_bv import Transitions
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.sim.observe import N_OBSERVATION
 
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+
 SMALL = replace(
     PRESETS["fast"], width=32, batch=64, replay_size=4096, replay_start=64, worlds=64, decisions_per_update=64,
     target_update=25, discount=0.9, paid_share=0.0,
@@ -27,15 +28,6 @@ SMALL = replace(
 N_STATES = 5
 LEFT, RIGHT, STOP, FORBIDDEN = 0, 1, 2, 32
 ACTIONS = (LEFT, RIGHT, STOP, FORBIDDEN)
-
-
-@pytest.fixture(autouse=True)
-def one_torch_thread() -> Iterator[None]:
-    """As training does; several threads on networks this small only wait for each other."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def outcome(state: int, action: int) -> tuple[float, int | None]:
@@ -174,6 +166,8 @@ def test_settings_out_of_range_are_named(name: str, value: float | str) -> None:
 def test_an_unknown_preset_suggests_the_nearest() -> None:
     with pytest.raises(UnknownNameError, match='Did you mean "fast"'):
         preset_named("fats")
+    with pytest.raises(UnknownNameError, match='Did you mean "ppo"'):
+        preset_named("fast", "poo")
 
 
 def test_presets_are_valid_and_named() -> None:

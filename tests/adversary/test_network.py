@@ -10,6 +10,8 @@ from cornerforge.adversary.network import Network, TrainableNetwork
 from cornerforge.drivers.policy import NetworkShape, allocate_scratch, n_weights, numbers_of_network, q_values
 from cornerforge.types import N_ACTIONS
 
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+
 SHAPES = [
     NetworkShape(40, 2, 1, 128),  # wider than preset fast
     NetworkShape(40, 4, 2, 128),  # preset paper

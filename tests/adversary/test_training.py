@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from cornerforge.adversary.config import PRESETS, TrainConfig
+from cornerforge.adversary.config import PRESETS, TrainConfig, preset_named
 from cornerforge.adversary.train import CurvePoint, TrainResult, train_adversary
 from cornerforge.errors import InputError
 from cornerforge.experiment.policy_file import Policy
@@ -43,6 +43,17 @@ def test_same_seed_same_weights_for_any_threads_and_another_seed_another(world: 
     assert not np.array_equal(both.weights, tiny(world, seed=1).weights)
     assert both.decisions == 3008  # whole iterations of 64 worlds
     assert both.updates == (both.decisions - 256) // 16
+
+
+def test_a_learner_that_draws_its_actions_gives_the_same_for_any_threads_too(world: Experiment) -> None:
+    config = replace(preset_named("fast", "ppo"), width=16, batch=256, worlds=64, rollout=8, decisions=3000)
+    both = tiny(world, config=config)
+    assert np.array_equal(both.weights, tiny(world, threads=1, config=config).weights)
+    assert not np.array_equal(both.weights, tiny(world, seed=1, config=config).weights)
+    assert both.updates == 46 // 8 * 4 * 2  # of 47 iterations all but the last are learnt from, eight at a time
+    assert both.curve[-1].epsilon is None
+    assert both.curve[-1].entropy is not None
+    assert 0.0 < both.curve[-1].entropy < np.log(33)
 
 
 def test_the_mask_changes_what_is_learned(world: Experiment) -> None:
@@ -121,6 +132,24 @@ def test_training_beats_uniform_actions_and_its_reverse_does_not(world: Experime
     worst[-(SHORT.width + 1) * 33 :] *= -1.0
     reversed_ = experiment(policy=Policy(worst, SHORT.network, False, {}))
     assert crash_interval(reversed_, tests=4000, seed=seed)[0] < uniform[1]
+
+
+def test_ppo_beats_uniform_actions_after_300_000_decisions(world: Experiment, seed: int) -> None:
+    """H0: no better than uniform actions. Unit: the test; n = 3000; exact intervals at 1 - 1e-6 must not meet.
+
+    Negative controls: its first weights, and what it learnt, taken greedily by a policy of the opposite values.
+    """
+    config = replace(preset_named("fast", "ppo"), decisions=300_000)
+
+    def interval(weights: np.ndarray) -> tuple[float, float]:
+        run = experiment(policy=Policy(weights, config.network, False, {}, head=config.head))
+        return crash_interval(run, tests=3000, seed=seed)
+
+    uniform = crash_interval(world, tests=3000, seed=seed)
+    weights = train_adversary(world.setting, world.slots, config, seed=1).weights
+    assert interval(weights)[0] > uniform[1]
+    first = train_adversary(world.setting, world.slots, replace(config, decisions=512), seed=1).weights
+    assert interval(first)[0] < uniform[1]
 
 
 def test_preset_fast_crashes_three_in_four_after_600_000_decisions(world: Experiment, seed: int) -> None:

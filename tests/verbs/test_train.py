@@ -16,6 +16,7 @@ from folder_snapshot import snapshot
 import cornerforge
 from cornerforge.errors import FileFormatError, InputError, OutputError
 from cornerforge.experiment.policy_file import Policy, load_policy, policy_hash, save_policy
+from cornerforge.library import CaseLibrary
 from cornerforge.ndd.model import default_model_path, load_model, save_model
 from cornerforge.results import Trained, as_json
 from cornerforge.verbs.train import load_timed_policy
@@ -240,12 +241,33 @@ def test_a_kill_between_policy_and_checkpoint_leaves_no_checkpoint_for_long(
     "arguments",
     [{"decisions": 0}, {"minutes": 0.0}, {"minutes": float("nan")}, {"preset": "fats"}, {"seed": -1}, {"av": "x"},
      {"reward": "crush"}, {"delay": -1.0}, {"budget": -1.0}, {"budget": float("nan")}, {"budget": 1e9},
-     {"tests": 0}, {"threads": 0}],
+     {"tests": 0}, {"threads": 0}, {"learner": "poo"}, {"learner": "ppo", "preset": "paper"}],
 )  # fmt: skip
 def test_wrong_arguments_make_nothing(arguments: dict[str, object], tmp_path: Path) -> None:
     with pytest.raises(InputError):
         cornerforge.train(out=tmp_path / "new" / "p.safetensors", **{"decisions": 600} | arguments)  # type: ignore[arg-type]
     assert not list(tmp_path.iterdir())
+
+
+def test_a_policy_of_ppo_drives_wherever_policies_drive(tmp_path: Path) -> None:
+    """As it learned to, it draws its actions; greedily it is another driver; its cases happen again."""
+    path = tmp_path / "p.safetensors"
+    summary = cornerforge.train(out=path, learner="ppo", decisions=20_000, tests=200, seed=4)
+    assert (summary.learner, summary.preset) == ("ppo", "fast")
+    policy = load_policy(path)
+    assert policy.head == "softmax"
+    assert policy.about["train"]["learner"] == "ppo"  # type: ignore[index]
+    assert summary.updates > 0
+    drawn, again, greedy = (
+        cornerforge.simulate(bv=path, tests=300, **acting).digest
+        for acting in ({}, {"acting": "learned"}, {"acting": "greedy"})  # type: ignore[arg-type]
+    )
+    assert drawn == again != greedy
+    cornerforge.generate(policy=path, cases=5, out=tmp_path / "library")
+    library = CaseLibrary.open(tmp_path / "library")
+    assert library.identity["acting"] == "learned"
+    assert max(library.scalars(["log_prob_policy"])["log_prob_policy"].to_pylist()) < 0.0
+    assert cornerforge.replay(tmp_path / "library", "all", check=True).identical is True
 
 
 def test_time_alone_ends_a_training_of_minutes(tmp_path: Path) -> None:
