@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import fields
 from math import inf
-from typing import Any
+from typing import Any, get_type_hints
 
 import msgspec
 from library_relations import RELATIONS
 
+from cornerforge._schema import unit_of
 from cornerforge.adversary.checkpoint import CHECKPOINT_SCHEMA, CheckpointHeader
 from cornerforge.experiment.av_file import AV_FILE_SCHEMA, AvHeader
 from cornerforge.experiment.policy_file import POLICY_SCHEMA, PolicyHeader
@@ -54,12 +54,11 @@ def _in_words(kind: dict[str, Any]) -> str:
 
 
 def _numbers(kind: type) -> list[str]:
-    """Numbers of a part of a model, from the metadata that its reader checks."""
+    """Numbers of a part of a model, from the types that its reader checks."""
     lines = ["| number | unit | allowed |", "| --- | --- | --- |"]
-    for one in fields(kind):
-        if "within" in one.metadata:
-            low, high = one.metadata["within"]
-            lines.append(f"| `{one.name}` | {one.metadata.get('unit', '')} | {low:g} to {high:g} |")
+    for name, declared in get_type_hints(kind, include_extras=True).items():
+        for said in getattr(declared, "__metadata__", ()):
+            lines.append(f"| `{name}` | {unit_of(said)} | {said.ge:g} to {said.le:g} |")
     return [*lines, ""]
 
 

@@ -100,7 +100,7 @@ def check_fields(part: object, prefix: str, *, but: Sequence[str] = ()) -> None:
 def _ranges(kind: Any) -> list[tuple[str, bool, Any, Any, str]]:
     """List the fields that declare a range: name, whether it is a whole number, lowest, highest, unit."""
     return [
-        (name, declared.__origin__ is int, said.ge, said.le, unit_of(said))
+        (name, declared.__origin__ is int, declared.__origin__(said.ge), declared.__origin__(said.le), unit_of(said))
         for name, declared in get_type_hints(kind, include_extras=True).items()
         for said in getattr(declared, "__metadata__", ())
         if said.le is not None

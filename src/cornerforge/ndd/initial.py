@@ -6,14 +6,14 @@ where a model enters (docs/adr/0049-no-endless-drawing.md).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from statistics import NormalDist
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_number
+from cornerforge._schema import Share, check_fields, meant
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.types import CLASSES
 
@@ -30,12 +30,6 @@ _LEVELS = 24
 """Equally frequent values that stand for a random number."""
 _NORMAL: Floats = np.array([NormalDist().inv_cdf((k + 0.5) / _LEVELS) for k in range(_LEVELS)])
 _UNIFORM: Floats = (np.arange(_LEVELS) + 0.5) / _LEVELS
-
-
-def _number(default: float, low: float, high: float, *, unit: str | None = None, at_most: str | None = None) -> Any:
-    """Declare a number: its default, the values that it may have, its unit, and the number that it may not exceed."""
-    said = {"unit": unit, "within": (low, high), "at_most": at_most}
-    return field(default=default, metadata={name: what for name, what in said.items() if what is not None})
 
 
 @dataclass(frozen=True)
@@ -57,54 +51,50 @@ class InitialState:
     acceleration there, (1 + t) / (1 - t), are log-normal with median 1 and `noise_spread`. How many times as often
     as all drivers it begins to look away is log-normal with mean 1 and `vigilance_sigma`, cut at 20.
 
-    Each field's metadata say its unit, `within` which values a model may have it, and which other field it must be
-    `at_most`. The ranges are wide: what lies beyond is no highway.
+    The ranges are wide: what lies beyond is no highway.
     """
 
-    speed_mean: float = _number(30.05, 0.0, 60.0, unit="m/s", at_most="speed_high")
-    stream_sd: float = _number(2.9, 0.0, 10.0, unit="m/s")
-    speed_sd: float = _number(1.65, 0.001, 25.0, unit="m/s")
-    speed_low: float = _number(20.0, 0.0, 60.0, unit="m/s", at_most="speed_mean")
-    speed_high: float = _number(40.0, 1.0, 80.0, unit="m/s")
-    follow_share: float = _number(0.682, 0.0, 1.0)
-    time_gap_shift: float = _number(0.265, 0.0, 5.0, unit="s")
-    time_gap_median: float = _number(0.92, 0.01, 10.0, unit="s")
-    time_gap_sigma: float = _number(0.68, 0.0, 2.0)
-    desire_share: float = _number(0.33, 0.0, 1.0)
-    habit_spread: float = _number(1.0, 0.0, 1.0)
-    rr_scale: float = _number(0.8, 0.0, 1000.0, unit="m/s")
-    rr_exponent: float = _number(0.46, 0.0, 3.0)
-    min_ttc: float = _number(2.5, 0.0, 20.0, unit="s")
-    free_gap_low: float = _number(120.0, 1.0, 1000.0, unit="m", at_most="free_gap_high")
-    free_gap_high: float = _number(300.0, 1.0, 1000.0, unit="m")
-    change_median: float = _number(4.8, 0.0, 30.0, unit="s")
-    change_sigma: float = _number(0.35, 0.0, 2.0)
-    change_low: float = _number(3.4, 0.5, 30.0, unit="s", at_most="change_high")
-    change_high: float = _number(13.6, 0.5, 30.0, unit="s")
-    signal_share: float = _number(0.52, 0.0, 1.0)
-    noise_spread: float = _number(0.183, 0.0, 2.0)
-    vigilance_sigma: float = _number(0.8, 0.0, 1.5)
+    speed_mean: Annotated[float, meant("Mean over tests.", "m/s", 0, 60)] = 30.05
+    stream_sd: Annotated[float, meant("Spread of the tests' means.", "m/s", 0, 10)] = 2.9
+    speed_sd: Annotated[float, meant("Spread within a test.", "m/s", 0.001, 25)] = 1.65
+    speed_low: Annotated[float, meant("Least speed.", "m/s", 0, 60)] = 20.0
+    speed_high: Annotated[float, meant("Largest speed.", "m/s", 1, 80)] = 40.0
+    follow_share: Share = 0.682
+    time_gap_shift: Annotated[float, meant("Least time gap of a follower.", "s", 0, 5)] = 0.265
+    time_gap_median: Annotated[float, meant("Of its log-normal part.", "s", 0.01, 10)] = 0.92
+    time_gap_sigma: Annotated[float, meant("Of its log-normal part.", "", 0, 2)] = 0.68
+    desire_share: Share = 0.33
+    habit_spread: Share = 1.0
+    rr_scale: Annotated[float, meant("Spread of range rates at 20 m.", "m/s", 0, 1000)] = 0.8
+    rr_exponent: Annotated[float, meant("Growth of it with the gap.", "", 0, 3)] = 0.46
+    min_ttc: Annotated[float, meant("Least time to collision.", "s", 0, 20)] = 2.5
+    free_gap_low: Annotated[float, meant("Least free gap.", "m", 1, 1000)] = 120.0
+    free_gap_high: Annotated[float, meant("Largest free gap.", "m", 1, 1000)] = 300.0
+    change_median: Annotated[float, meant("Time of a lane change.", "s", 0, 30)] = 4.8
+    change_sigma: Annotated[float, meant("Of its log-normal law.", "", 0, 2)] = 0.35
+    change_low: Annotated[float, meant("Shortest lane change.", "s", 0.5, 30)] = 3.4
+    change_high: Annotated[float, meant("Longest lane change.", "s", 0.5, 30)] = 13.6
+    signal_share: Share = 0.52
+    noise_spread: Annotated[float, meant("Of the odds of an outer acceleration.", "", 0, 2)] = 0.183
+    vigilance_sigma: Annotated[float, meant("Of how often a driver looks away.", "", 0, 1.5)] = 0.8
 
 
-def check_numbers(part: Any) -> None:
-    """Check a dataclass's numbers against what their metadata say: `within` (low, high), `at_most` another field.
+_ASCENDING = (
+    ("speed_mean", "speed_high"), ("speed_low", "speed_mean"), ("free_gap_low", "free_gap_high"),
+    ("change_low", "change_high"),
+)  # fmt: skip
+
+
+def check_numbers(part: object) -> None:
+    """Check the numbers of a part of a model against the ranges that its fields declare.
 
     Raises:
-        FileFormatError: One is no finite number, out of its range, or above the other; the message names it.
+        FileFormatError: One is no finite number, or out of its range; the message names it.
     """
-    for one in fields(part):
-        if "within" in one.metadata:
-            low, high = one.metadata["within"]
-            try:
-                check_number(one.name, getattr(part, one.name), low=low, high=high, unit=one.metadata.get("unit", ""))
-            except InputError as error:
-                raise FileFormatError(f"Model number {error}") from error
-    for one in fields(part):
-        value, other = getattr(part, one.name), one.metadata.get("at_most")
-        if other is not None and value > getattr(part, other):
-            raise FileFormatError(
-                f"Model number {one.name} = {value} is above {other} = {getattr(part, other)}; it must not be."
-            )
+    try:
+        check_fields(part, "Model number ")
+    except InputError as error:
+        raise FileFormatError(str(error)) from error
 
 
 def check_initial(initial: InitialState) -> None:
@@ -116,8 +106,13 @@ def check_initial(initial: InitialState) -> None:
         initial: Its numbers are within their ranges (`check_numbers`).
 
     Raises:
-        FileFormatError: Hardly any draw would suit; the message names the numbers that refuse most.
+        FileFormatError: A lower limit is above its upper one, or hardly any draw would suit; the message names the
+            numbers that refuse most.
     """
+    for one, other in _ASCENDING:
+        value, limit = getattr(initial, one), getattr(initial, other)
+        if value > limit:
+            raise FileFormatError(f"Model number {one} = {value} is above {other} = {limit}; it must not be.")
     low, high, sd = initial.speed_low, initial.speed_high, initial.speed_sd
     inside = NormalDist().cdf((high - low) / sd) - 0.5  # about a mean at either end: there the fewest suit
     if inside < LEAST_ACCEPTED:

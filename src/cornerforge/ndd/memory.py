@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import uniform
+from cornerforge._schema import Share, meant
 
 if TYPE_CHECKING:
     from numpy import uint64
@@ -36,7 +37,7 @@ _FINEST = 2.0**-32
 _LOW_HALF, _HALF = np.uint64(0xFFFF), np.uint64(16)
 _POINTS = 16
 """Points at which `given_the_past` looks at the quantile of a recorded acceleration, known only to its bin."""
-_SHARE, _WIDTH = {"within": (0.0, 1.0)}, {"within": (0.001, 1.0)}
+_Width = Annotated[float, meant("Of a neighbourhood.", "", 0.001, 1)]
 
 
 @dataclass(frozen=True)
@@ -53,18 +54,16 @@ class Memory:
     With the chance `away` a second, times a factor of its own, a driver looks away from the road, and does so again in
     the next second with the chance `away_again`, the same for all. Who looks away holds its speed, begins no lane
     change and turns back in none.
-
-    Each field's metadata say `within` which values a model may have it (`initial.check_numbers`).
     """
 
-    near: float = field(default=0.0, metadata=_SHARE)
-    near_width: float = field(default=0.1, metadata=_WIDTH)
-    far: float = field(default=0.0, metadata=_SHARE)
-    far_width: float = field(default=0.3, metadata=_WIDTH)
-    habit: float = field(default=0.0, metadata=_SHARE)
-    habit_width: float = field(default=0.1, metadata=_WIDTH)
-    away: float = field(default=0.0, metadata=_SHARE)
-    away_again: float = field(default=0.0, metadata=_SHARE)
+    near: Share = 0.0
+    near_width: _Width = 0.1
+    far: Share = 0.0
+    far_width: _Width = 0.3
+    habit: Share = 0.0
+    habit_width: _Width = 0.1
+    away: Share = 0.0
+    away_again: Share = 0.0
 
 
 class MemoryNumbers(NamedTuple):

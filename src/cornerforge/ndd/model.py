@@ -10,15 +10,15 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, astuple, dataclass, field
+from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checksums import MIGRATE, read_arrays, write_arrays
-from cornerforge._schema import parse
+from cornerforge._schema import Share, meant, parse
 from cornerforge.errors import FileFormatError
 from cornerforge.fields import Field
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID
@@ -93,15 +93,15 @@ class NddModel:
 
     following: NDArray[np.float32]
     free: NDArray[np.float32]
-    free_pull: float = field(metadata={"unit": "1/s", "within": (0.0, 1.0)})
+    free_pull: Annotated[float, meant("Pull of the own desired speed.", "1/s", 0, 1)]
     lc_base: NDArray[np.float32]
     lc_desire: NDArray[np.float32]
-    lc_desire_free: float = field(metadata={"within": (0.0, 100.0)})
+    lc_desire_free: Annotated[float, meant("Multiplier with no leader.", "", 0, 100)]
     lc_accept_lead: NDArray[np.float32]
     lc_accept_rear: NDArray[np.float32]
     lc_turn_back: NDArray[np.float32]
-    overlook: float = field(metadata={"within": (0.0, 1.0)})
-    overlook_conflict: float = field(metadata={"within": (0.0, 1.0)})
+    overlook: Share
+    overlook_conflict: Share
     memory: Memory
     initial: InitialState
     provenance: Mapping[str, object]
