@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING, Any
 
 from measuring import table
 
-from cornerforge.adversary.config import PRESETS
+from cornerforge.adversary.config import PRESETS, DqnConfig
 from cornerforge.experiment.setting import experiment
 from cornerforge.verbs.train import evaluate, learn
 
 if TYPE_CHECKING:
-    from cornerforge.adversary.config import TrainConfig
+    pass
 
 _FAST, _PAPER = PRESETS["fast"], PRESETS["paper"]
 _SGD = {"optimiser": _PAPER.optimiser}
@@ -52,7 +52,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
 """What is set anew in `fast`, by the variant's name."""
 
 
-def variant(name: str, decisions: int) -> TrainConfig:
+def variant(name: str, decisions: int) -> DqnConfig:
     """Preset `fast` with what `VARIANTS` sets anew."""
     return replace(_FAST, decisions=decisions, **VARIANTS[name])
 

@@ -20,8 +20,9 @@ from safetensors import safe_open
 from safetensors.numpy import save_file
 
 from cornerforge._checksums import write_tensors
+from cornerforge.adversary import ppo
 from cornerforge.adversary.checkpoint import CheckpointFile, TrainingState
-from cornerforge.adversary.config import PRESETS, TrainConfig, preset_named
+from cornerforge.adversary.config import PRESETS, TrainConfig
 from cornerforge.adversary.replay import BalancedMemory
 from cornerforge.adversary.train import CurvePoint, TrainResult, train_adversary
 from cornerforge.adversary.worlds.drive_bv import Transitions
@@ -38,7 +39,7 @@ TINY = replace(
 PLAIN = replace(TINY, optimiser="sgd", learning_rate=0.05, final_learning_rate=0.01)
 LATE = replace(TINY, replay_start=4096)
 """Learns only after the first point: what is kept there holds an optimiser that has seen nothing."""
-PPO = replace(preset_named("fast", "ppo"), width=16, batch=512, rollout=24, worlds=64, decisions=120 * 64)
+PPO = replace(ppo.PRESETS["fast"], width=16, batch=512, rollout=24, worlds=64, decisions=120 * 64)
 """It learns in iterations 25, 49 and so on, so that a stop after 50 leaves two decisions of each world noted."""
 IDENTITY: dict[str, object] = {"seed": 3, "lanes": (1, 2)}
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cornerforge.adversary.config import TrainConfig, preset_named
+from cornerforge.adversary import ppo
+from cornerforge.adversary.config import PRESETS, TrainConfig, preset_named
 from cornerforge.adversary.learner import Learner
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.worlds.drive_bv import Exploring, Transitions
@@ -26,10 +27,10 @@ LEFT, RIGHT, STOP = 3, 17, 32
 COMMON: dict[str, Any] = {"worlds": WORLDS, "width": 32, "discount": 0.9}
 TINY: dict[str, TrainConfig] = {
     "dqn": replace(
-        preset_named("fast"), batch=64, replay_size=4096, replay_start=64, decisions_per_update=64, target_update=25,
+        PRESETS["fast"], batch=64, replay_size=4096, replay_start=64, decisions_per_update=64, target_update=25,
         epsilon_decisions=WORLDS * 300, guided=0.0, paid_share=0.0, **COMMON,
     ),
-    "ppo": replace(preset_named("fast", "ppo"), rollout=16, batch=256, **COMMON),
+    "ppo": replace(ppo.PRESETS["fast"], rollout=16, batch=256, **COMMON),
 }  # fmt: skip
 EVERY = pytest.mark.parametrize("name", LEARNERS)
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from cornerforge.adversary import ppo
 from cornerforge.adversary.config import PRESETS, TrainConfig, preset_named
 from cornerforge.adversary.train import CurvePoint, TrainResult, train_adversary
 from cornerforge.errors import InputError
@@ -46,7 +47,7 @@ def test_same_seed_same_weights_for_any_threads_and_another_seed_another(world: 
 
 
 def test_a_learner_that_draws_its_actions_gives_the_same_for_any_threads_too(world: Experiment) -> None:
-    config = replace(preset_named("fast", "ppo"), width=16, batch=256, worlds=64, rollout=8, decisions=3000)
+    config = replace(ppo.PRESETS["fast"], width=16, batch=256, worlds=64, rollout=8, decisions=3000)
     both = tiny(world, config=config)
     assert np.array_equal(both.weights, tiny(world, threads=1, config=config).weights)
     assert not np.array_equal(both.weights, tiny(world, seed=1, config=config).weights)

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import cornerforge
-from cornerforge.adversary.config import preset_named
+from cornerforge.adversary.config import PRESETS
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.train import train_adversary
 from cornerforge.adversary.verdicts import judge_by_case, verdict_of
@@ -114,7 +114,7 @@ def test_a_training_pays_by_verdict() -> None:
     """Tests of the curve are paid if the judge says so; one that never pays leaves the learner nothing but -1 and 0."""
     run = experiment(bv="uniform")
     config = replace(
-        preset_named("fast"), reward="preventable:fsm", worlds=64, decisions=64 * 250, decisions_per_update=64,
+        PRESETS["fast"], reward="preventable:fsm", worlds=64, decisions=64 * 250, decisions_per_update=64,
         replay_start=64 * 250, epsilon_end=1.0, guided=0.0,
     )  # fmt: skip
     said: list[bool] = []

@@ -260,7 +260,7 @@ class Judge:
 
     def _through(self, door: Door, folder: Path, before: _Files, words: list[str] | None = None) -> _Run:
         out, err = io.StringIO(), io.StringIO()
-        interpreter._used.clear()  # AVs of earlier inputs, which nobody holds, but which are not collected yet
+        interpreter.AT_WORK.clear()  # AVs of earlier inputs, which nothing holds, but which are not collected yet
         answer: Any = None
         status, error = 0, None
         os.chdir(folder)

@@ -15,7 +15,7 @@ import pytest
 from folder_snapshot import snapshot
 
 import cornerforge
-from cornerforge.adversary.config import PRESETS, preset_named
+from cornerforge.adversary.config import PRESETS
 from cornerforge.drivers.policy import n_weights
 from cornerforge.errors import InputError, OutputError, UnknownNameError
 from cornerforge.experiment.counting import simulate_experiment
@@ -325,7 +325,7 @@ def test_table1_is_the_papers() -> None:
 
 
 def test_table1_tells_a_preset_that_is_not_the_papers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(PRESETS, "paper", replace(preset_named("paper"), batch=32))
+    monkeypatch.setitem(PRESETS, "paper", replace(PRESETS["paper"], batch=32))
     found = TABLE1.compute(None)  # type: ignore[arg-type]
     assert (found.headline.paper, found.headline.ours) == (8, 7)
 

@@ -258,10 +258,8 @@ def test_a_policy_of_ppo_drives_wherever_policies_drive(tmp_path: Path) -> None:
     assert policy.head == "softmax"
     assert policy.about["train"]["learner"] == "ppo"  # type: ignore[index]
     assert summary.updates > 0
-    drawn, again, greedy = (
-        cornerforge.simulate(bv=path, tests=300, **acting).digest
-        for acting in ({}, {"acting": "learned"}, {"acting": "greedy"})  # type: ignore[arg-type]
-    )
+    drawn = cornerforge.simulate(bv=path, tests=300).digest
+    again, greedy = (cornerforge.simulate(bv=path, tests=300, acting=acting).digest for acting in ("learned", "greedy"))
     assert drawn == again != greedy
     cornerforge.generate(policy=path, cases=5, out=tmp_path / "library")
     library = CaseLibrary.open(tmp_path / "library")
