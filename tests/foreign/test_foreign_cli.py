@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import re
 import shutil
@@ -16,11 +15,11 @@ from stage_lines import without_stages
 from cornerforge.cli import main
 from cornerforge.cli.output import compiling_text
 from cornerforge.experiment import forecast
+from cornerforge.foreign import driver
 from cornerforge.foreign.process import AvProcess
 
 pytestmark = [pytest.mark.full, pytest.mark.usefixtures("in_memory")]
 
-check_av = importlib.import_module("cornerforge.verbs.check_av")  # the package has a verb of that name
 
 Capture = pytest.CaptureFixture[str]
 EXAMPLE = Path(__file__).parents[2] / "examples" / "my_av.py"
@@ -188,7 +187,7 @@ def test_check_av_finds(avs: Path, capsys: Capture, name: str, check: str, verdi
 def test_check_av_of_an_av_that_hangs_ends_soon(avs: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001
     """One limit for the first answer, and no trial after it."""
     limits: list[float] = []
-    monkeypatch.setattr(check_av, "FIRST_TIMEOUT", 3.0)
+    monkeypatch.setattr(driver, "FIRST_TIMEOUT", 3.0)
     asked = AvProcess._ask
 
     def noted(self: AvProcess, kind: bytes, timeout: float, *parts: bytes, driving: int = 1) -> bytearray:

@@ -21,7 +21,7 @@ from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.edge_cases import EDGE_CASES, edge_case, random_views
 from cornerforge.foreign.named_avs import remember
 from cornerforge.foreign.pace import announce
-from cornerforge.foreign.process import FIRST_TIMEOUT, AvFailureError
+from cornerforge.foreign.process import AvFailureError
 from cornerforge.foreign.session import AvSession
 from cornerforge.foreign.spec import spec_of
 from cornerforge.results import AvChecked
@@ -114,7 +114,7 @@ class _Bench:
             if self.hangs:
                 raise
             return  # the trials will say so
-        self.pace.first_timeout = min(FIRST_TIMEOUT, self.pace.timeout + 3.0 * max(took, self._loading))
+        self.pace.first_timeout = min(self.pace.first_timeout, self.pace.timeout + 3.0 * max(took, self._loading))
         alone = self.pace.usual(1)
         if alone * _BATCH > _CALL_SECONDS:
             self.few = max(2, int(_CALL_SECONDS / alone))
