@@ -27,6 +27,7 @@ class Outer:
     lanes: Annotated[int, meant("Lanes.", "", 2, 6)] = 3
     inner: tuple[Inner, ...] = ()
     shares: dict[Literal["av", "bv"], Share] | None = None
+    nested: dict[str, dict[str, list[Whole]]] | None = None
 
     def __post_init__(self) -> None:
         check_fields(self, "outer.", but=("lanes",) if self.lanes == 0 else ())
@@ -57,8 +58,9 @@ def test_what_fits_is_made_and_keys_without_a_field_are_passed_over() -> None:
         ({"inner": [{"kind": "car", "hash": "0a\n"}]}, "it must be a text of the form"),
         ({"inner": [{"kind": "truck", "hash": "0a"}]}, '"inner[0]": A truck has no hash'),
         ({"shares": {"road": 1}}, "\"shares\" holds 'road'; it must be a name that is known there"),
-        ({"shares": {"av": 2}}, '"shares[...]" is wrong; it must be a number of at most 1.0'),
-        ({"shares": {"av": "2"}}, '"shares[...]" is a text; it must be a number'),
+        ({"shares": {"av": 1, "bv": 2}}, '"shares.bv" is 2; it must be a number of at most 1.0'),
+        ({"shares": {"av": 1, "bv": "2"}}, "\"shares.bv\" is '2'; it must be a number"),
+        ({"nested": {"a": {}, "b c": {"d": [1, -1]}}}, '"nested.b c.d[1]" is -1; it must be a whole number'),
     ],
 )
 def test_what_does_not_fit_is_named(changes: dict[str, Any], message: str) -> None:

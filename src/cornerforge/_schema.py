@@ -109,25 +109,42 @@ def _ranges(kind: Any) -> list[tuple[str, bool, Any, Any, str]]:
 
 def _fault(kind: Any, content: Any, error: str) -> str:
     """Say in plain words, with the value, what an error of msgspec says: "Expected `int` >= 0 - at `$.a[0]`"."""
-    said, key, place = re.findall(r"(?s)\A(.*?)(?: - at (`key` in )?`\$\.?([^`]*)`)?\Z", error)[0]
+    said, of_key, path = re.findall(r"(?s)\A(.*?)(?: - at (`key` in )?`\$([^`]*)`)?\Z", error)[0]
+    place, part = "", content
+    for step in re.findall(r"\[\.\.\.\]|\w+", path):
+        key = _refused_key(kind, content, part, error) if step == "[...]" else step
+        is_list = isinstance(part, list | tuple)
+        place, part = f"{place}[{key}]" if is_list else f"{place}.{key}".lstrip("."), part[int(key) if is_list else key]
     if name := re.fullmatch(r"Object (missing required|contains unknown) field `(.*)`", said):
         return f'"{place}{place and "."}{name[2]}" is {"missing" if name[1][0] == "m" else "unknown"}'
     here = f'"{place}"' if place else "it"
     if said.startswith("Invalid enum value"):
-        name = re.findall(r"\w+", place)[-1]
-        found = re.search(f'"{name}": {{.*?"enum": (\\[.*?\\])', json.dumps(msgspec.json.schema(kind)))
-        allowed = ", ".join(map(str, json.loads(found[1]))) if found and not key else ""
+        found = re.search(
+            f'"{path.rpartition(".")[2]}": {{.*?"enum": (\\[.*?\\])', json.dumps(msgspec.json.schema(kind))
+        )
+        allowed = ", ".join(map(str, json.loads(found[1]))) if found and not of_key else ""
         names = f"one of {allowed}" if allowed else "a name that is known there"
-        return f"{here} {'holds' if key else 'is'} {said.removeprefix('Invalid enum value ')}; it must be {names}"
+        return f"{here} {'holds' if of_key else 'is'} {said.removeprefix('Invalid enum value ')}; it must be {names}"
     if not said.startswith("Expected "):  # of a class that checks more than the types of its fields
         return f"{here}: {said.rstrip('.')}" if place else said.rstrip(".")
-    must, _, got = said.removeprefix("Expected ").partition(", got ")
-    if key or "[...]" in place:  # msgspec does not say which of the keys
-        value = _in_words(got) or "wrong"
-    else:
-        steps = re.findall(r"\w+", place)
-        value = shown(functools.reduce(lambda part, step: part[int(step) if step.isdigit() else step], steps, content))
-    return f"{here} is {value}; it must be {_in_words(must)}"
+    must = said.removeprefix("Expected ").partition(", got ")[0]
+    return f"{here} is {shown(part)}; it must be {_in_words(must)}"
+
+
+def _refused_key(kind: Any, content: Any, part: dict[str, Any], error: str) -> str:
+    """Find the key of an object in what was read whose value gives an error of msgspec, which does not name it."""
+    whole = dict(part)
+    for key, value in whole.items():
+        part.clear()
+        part[key] = value
+        try:
+            msgspec.convert(content, kind)
+        except msgspec.ValidationError as found:
+            if str(found) == error:
+                break
+    part.clear()
+    part.update(whole)
+    return key
 
 
 def _in_words(text: str) -> str:
