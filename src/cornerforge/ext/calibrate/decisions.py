@@ -108,7 +108,7 @@ def leader_by_lane(recording: Ints, lane: Ints, tick: Ints, position: Floats) ->
 
 
 def leader_by_name(vehicle: Ints, tick: Ints, leader_vehicle: Ints) -> Ints:
-    """Return the row of the named leader at the same time, shape (n,); -1 if no name (-1) or no such row exists."""
+    """Return the row of the named leader at the same time, shape (n,); -1 for no name (-1) or no row."""
     span = int(tick.max() - tick.min()) + 1 if tick.size else 1
     key = vehicle * span + (tick - tick.min())
     wanted = leader_vehicle * span + (tick - tick.min())

@@ -220,7 +220,7 @@ FACTS = (
     _ttc_share(4.0, 6.1e-5, None),
 )  # fmt: skip
 """Tolerances, and the range of the acceleration's sd over all states, are ours. A lane change holds the speed: it
-counts as acceleration 0. Who follows: gap of at most 115.5 m."""
+counts as acceleration 0. A follower has a gap of at most 115.5 m."""
 
 
 def compare_with_facts(part: FreeRunning, facts: tuple[Fact, ...] = FACTS) -> list[dict[str, Any]]:

@@ -91,7 +91,7 @@ def fit_model(
         The model, and a report on its data and on how well it predicts held-out decisions.
 
     Raises:
-        UnknownNameError: No such format, or no such choice of lane changes.
+        UnknownNameError: The format or the choice of lane changes is unknown.
         InputError: There is no file, a file is given twice, or a strength is out of range.
         DataError: A file cannot be read, or no decision is left to fit on.
     """
@@ -140,7 +140,7 @@ def _refuse_twins(readings: Sequence[Reading]) -> None:
 
 
 def _nothing_to_fit(readings: Sequence[Reading], held_out: int) -> DataError:
-    """Make the error for files whose rows give no decision to fit on."""
+    """Make the error for files with rows that give no decision to fit on."""
     used, read = sum(reading.rows_used for reading in readings), sum(reading.rows_read for reading in readings)
     made = f"{held_out} decision(s), all held out" if held_out else "no decision"
     vehicles = sum(reading.vehicles for reading in readings)

@@ -53,7 +53,7 @@ _LANES = 3
 _CHUNK = 128
 _BLOCKS = 20
 _NOTED = 32
-"""Worlds of each of the first 20 chunks whose states are noted every second."""
+"""Number of worlds in each of the first 20 chunks with states noted every second."""
 
 
 class Window(NamedTuple):
@@ -117,7 +117,7 @@ class FreeTraffic:
 
     Attributes:
         parts: The counts of the windows, which follow on each other.
-        pairs: Who followed whom in some worlds of each of the 20 blocks.
+        pairs: Pairs of leader and follower in some worlds of each of the 20 blocks.
     """
 
     parts: tuple[FreeRunning, ...]
@@ -181,7 +181,7 @@ def simulate_free_running(
     """Drive worlds until `miles` vehicle-miles are counted; the same for any number of threads.
 
     Args:
-        run: The experiment, whose own road is not used.
+        run: The experiment; its own road is not used.
         miles: Least number of vehicle-miles in all windows together, 100 to 1e9. At least 2,560 worlds are driven,
             150,000 miles in a few seconds.
         seed: 0 or more.

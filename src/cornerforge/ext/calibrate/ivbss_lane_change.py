@@ -51,7 +51,7 @@ class Cells:
     Attributes:
         speed: Index of the speed, shape (n,).
         first: Index gap * 19 + range rate of the first neighbour in the table, shape (n,).
-        second: Index of the second neighbour, likewise; 0 where the table has only one.
+        second: Index of the second neighbour, in the same form; 0 where the table has only one.
         change: Chance of a change to one given side, shape (n,).
         counts: `cells` with data out of `rows`, `renormalised`, and `unnormalised` (the sum differs from 1 by more than
             0.01; the chance of a change is then used unchanged, as in the released code).
@@ -105,7 +105,7 @@ def _sums(owner: Ints, value: Floats, n: int) -> Floats:
 
 
 def reduce_lane_changes(base: NddModel, tables: Mapping[str, Cells]) -> tuple[NddModel, dict[str, dict[str, float]]]:
-    """Make a model whose lane changes come from the tables where they hold data, else from `base`.
+    """Make a model with lane changes from the tables where they hold data, else from `base`.
 
     Args:
         base: Model to start from.

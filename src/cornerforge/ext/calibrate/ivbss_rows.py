@@ -16,9 +16,9 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 EXACT = 1e-6
-"""A row whose sum is this near to 1 is used unchanged."""
+"""A row with a sum this near to 1 is used unchanged."""
 TOLERANCE = 0.01
-"""A row whose sum is this near to 1 is divided by it; any other row is refused: it holds no probabilities."""
+"""A row with a sum this near to 1 is divided by the sum; any other row is refused: it holds no probabilities."""
 _NOISE = 1e-9
 """Negative numbers up to this size are rounding errors and count as 0."""
 

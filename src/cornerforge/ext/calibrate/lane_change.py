@@ -38,7 +38,7 @@ class LaneChange:
     wait for a vehicle behind that closes (`rear_reaction` is long), and the share `misjudge` looks at the gap alone.
     That is an error that attentive drivers make too. With the chance `overlook` a driver does not look at all.
 
-    The desire has such a factor for the driver's own leader, with the numbers `own_...`: hardly any driver begins a
+    The desire has a factor of this kind for the driver's own leader, the numbers `own_...`: hardly any driver begins a
     change, which holds its speed for a second, close behind a leader or closing in on one fast.
 
     A driver in a running change turns back for a critical gap: one at which, after `reaction` seconds at constant
@@ -76,7 +76,7 @@ class LaneChange:
     def desire(self) -> Floats:
         """Return the factor of the chance by (gap, range rate) to the leader, shape (116, 19).
 
-        It rises with the closing speed and tends to `desire_free` for large gaps; hardly above 0 where the leader is
+        It rises with the closing speed and approaches `desire_free` for large gaps; hardly above 0 where the leader is
         too near to begin a change.
         """
         gap, closing = GAPS[:, None], np.maximum(-RANGE_RATES, 0.0)[None, :]

@@ -52,7 +52,7 @@ _FARTHEST = math.log(20.0)
 _NORMAL_95 = 1.959964
 _MOST = 1.0 - 1e-12
 _UNTOLD = 0.75
-"""A parameter whose interval is wider than this share of the prior's own is told as hardly told by the data."""
+"""Share of the prior's interval; a parameter with a wider interval is reported as hardly determined by the data."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ def fit_lane_changes(readings: Sequence[Reading], choice: str = "fit") -> LaneCh
         choice: "fit", or "prior" to keep the shipped values whatever the files say.
 
     Raises:
-        UnknownNameError: No such choice.
+        UnknownNameError: The choice is unknown.
     """
     if check_in("choice of lane changes", choice, LANE_CHANGE_CHOICES) == "prior":
         return LaneChangeFit(why="that was asked for")

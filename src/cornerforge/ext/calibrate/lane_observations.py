@@ -45,7 +45,7 @@ class LaneObservations:
     """Lane changes of one file.
 
     Attributes:
-        vehicles: Number of vehicles whose lane is known, with or without a lane change.
+        vehicles: Number of vehicles with a known lane, with or without a lane change.
         miles: Distance of each, shape (vehicles,).
         miles_fast: Part of it at speed `fast` and above, shape (vehicles,).
         vehicle: Vehicle that changed lanes, 0 to vehicles - 1, shape (c,).
@@ -98,7 +98,7 @@ class LaneTracks:
         scene: Number of the recording.
         lane: As the file says; 0: not known.
         along: Centre, growing in the direction of travel [m].
-        forward: The direction of travel is that of the file's own positions.
+        forward: The file's own positions give the direction of travel.
         speed: NaN where the track is too short to be smoothed [m/s].
         length: Of the vehicle [m].
         per_second: Ticks in a second.
@@ -146,8 +146,8 @@ def observe_lane_changes(reading: Reading, *, fast: float) -> LaneObservations |
 def transitions_of(reading: Reading) -> list[Transition] | None:
     """Find the lane changes with the vehicles that were seen around them; None if the file gives no row's lane.
 
-    Not among them is who was in the new lane `START_BEFORE` seconds before too, or was not seen then. Who is out of the
-    recorded stretch is not there.
+    A vehicle that was in the new lane `START_BEFORE` seconds before, or was not seen then, is not among them. One
+    outside the recorded stretch counts as absent.
     """
     if reading.layout.kind != "lanes":
         return None

@@ -36,7 +36,7 @@ _IN_BOTH = 1.0
 """Time before and after the crossing for which a vehicle is seen in both lanes [s], less than `BEGINS_BEFORE`: else one
 that begins to change would stand in its own way."""
 LENGTHS = (2.0, 25.0)
-"""Lengths of vehicles whose lane changes, and gaps, are used [m]."""
+"""Lengths of the vehicles that give lane changes and gaps [m]."""
 _SIGHT = float(GAPS[-1]) + LENGTHS[1]
 """Distance of centres up to which neighbours are looked for [m]: none beyond it is on the grid of gaps."""
 _FINE, _NO_START, _TWICE, _LENGTH, _SPEED, _STRETCH, _CRITICAL = range(7)
@@ -48,7 +48,7 @@ _REASONS = {
     _STRETCH: f"the recorded stretch of lane ends within {_SIGHT:g} m, and nobody is seen before",
     _CRITICAL: "a gap for which drivers turn back, so that a change would not be seen",
 }
-"""The first that holds is the one that is told."""
+"""The first that holds is reported."""
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ def _before(t: LaneTracks) -> int:
 def _trials(t: LaneTracks, crossings: Sequence[_Crossing], road: _Road) -> tuple[Ints, Ints, Bools, Ints]:
     """Return each trial's row, the lane on its side, whether a change begins, and why it cannot be used; each (k,).
 
-    A change whose start is not in the track stands at the row of its crossing.
+    A change with a start outside the track stands at the row of its crossing.
     """
     before, dwell = _before(t), max(round(DWELL * t.per_second), 1)
     run = np.concatenate([[0], np.cumsum((np.diff(t.vehicle) != 0) | (np.diff(t.tick) != 1))])

@@ -137,7 +137,7 @@ def bin_probabilities(mean: Floats, scale: Floats, degrees: float) -> Floats:
     """Return Student-t probabilities of the 31 acceleration bins, shape (*d, 31), from centre and scale, shape (*d).
 
     The outermost bins include the tails, so rows sum to 1 for every centre. None is negative: before SciPy 1.15 the
-    distribution function goes down by its last bit in places, and a model with such a row is refused.
+    distribution function goes down by its last bit in places, and a model with that row is refused.
     """
     from scipy.special import stdtr
 

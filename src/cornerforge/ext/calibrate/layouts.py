@@ -27,7 +27,7 @@ CREDITS = {
     "tgsim": "TGSIM, US DOT FHWA: open data of the US government",
     "highd": "highD, RWTH Aachen (Krajewski et al. 2018): read its licence before passing on what is made of it",
 }
-"""Format -> who publishes such data, and what to heed before passing on what is made of them; of others not known."""
+"""Format -> publisher of the data, and what to check before passing on results made of them; unknown for others."""
 _FEET = 0.3048
 
 
@@ -194,7 +194,7 @@ LAYOUTS = (
         ),
     ),
 )
-"""Every layout that can be read; the first whose columns are all there is taken."""
+"""Every layout that can be read; the first with all its columns present is taken."""
 
 
 def required_columns(layout: Layout) -> list[str]:
@@ -204,6 +204,6 @@ def required_columns(layout: Layout) -> list[str]:
 
 
 def matching_layouts(header: Collection[str], data_format: str | None = None) -> list[Layout]:
-    """Layouts (of one format, or of all) whose required columns are all in `header`, in the order of `LAYOUTS`."""
+    """Layouts (of one format, or of all) with all required columns in `header`, in the order of `LAYOUTS`."""
     known = [layout for layout in LAYOUTS if data_format is None or data_format in layout.formats]
     return [layout for layout in known if all(column in header for column in required_columns(layout))]

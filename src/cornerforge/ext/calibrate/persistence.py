@@ -1,4 +1,4 @@
-"""Memory of drivers: how long time gaps last, and whether one second's acceleration tells of the next one's.
+"""Memory of drivers: how long time gaps last, and whether one second's acceleration predicts the next one's.
 
 Shapes: K worlds, T seconds, N slots; m pairs.
 """
@@ -66,7 +66,7 @@ def _leaders(states: NDArray[np.void], length: Floats, lane_width: float) -> tup
 
 
 def pairs_of(states: NDArray[np.void], length: Floats, counted: NDArray[np.bool_], lane_width: float) -> Pairs:
-    """Find who followed whom in noted states.
+    """Find pairs of leader and follower in noted states.
 
     Args:
         states: Vehicles after 0, 1, ... whole seconds, (K, T, N) of `fields.FRAME_FIELDS`; slot 0 is the AV.

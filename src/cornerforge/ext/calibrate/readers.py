@@ -101,7 +101,7 @@ def read_decisions(
         window_factor: Factor of the layouts' smoothing windows, to see how far these matter.
 
     Raises:
-        UnknownNameError: No such format.
+        UnknownNameError: The format is unknown.
         InputError: The format is not given, and the columns leave it open.
         DataError: A file is missing, empty, cut off, or has other columns than the format.
     """
@@ -116,7 +116,7 @@ def read_decisions(
 
 
 def guess_format(paths: Sequence[Path]) -> str:
-    """Find the one format whose columns all these files have.
+    """Find the one format with columns that all these files have.
 
     A format named after its publisher (`ngsim`) is the answer only for columns that no other format has: for plain
     pairs and tracks the answer is `pairs` or `tracks`.
@@ -228,7 +228,7 @@ def _read(path: Path, data_format: str, window_factor: float) -> Reading:
 
 
 def _recognise(path: Path, header: list[str], data_format: str) -> Layout:
-    """The first layout of the format whose columns are all there."""
+    """The first layout of the format with all its columns present."""
     fits = matching_layouts(header, data_format)
     if not fits:
         known = [layout for layout in LAYOUTS if data_format in layout.formats]
@@ -364,7 +364,7 @@ def position_along(table: Table, layout: Layout) -> tuple[NDArray[np.float64], b
 
 
 def direction_of_travel(table: Table, driver: NDArray[np.int64], position: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell which rows are in lanes whose vehicles drive towards growing positions, bool (n,); all without lanes."""
+    """Mark rows in lanes with traffic towards growing positions, bool (n,); all rows where the file has no lanes."""
     if "lane" not in table.numbers:
         return np.ones(position.size, dtype=np.bool_)
     lane = np.unique(table.numbers["lane"], return_inverse=True)[1].reshape(-1)

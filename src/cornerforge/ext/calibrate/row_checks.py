@@ -145,7 +145,7 @@ def _sort(table: Table, layout: Layout) -> list[str]:
 
 
 def _drop_other_steps(table: Table, layout: Layout) -> None:
-    """Leave out the vehicles whose rows stand at another time step than those of the file; rows are sorted."""
+    """Leave out the vehicles with another time step than the file; rows are sorted."""
     driver, time = drivers(table), table.numbers["time"]
     same = np.diff(driver) == 0
     steps, owner = np.diff(time)[same], driver[1:][same]

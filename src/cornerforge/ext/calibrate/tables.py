@@ -106,7 +106,7 @@ def read_header(path: Path) -> list[str]:
     """Column names of a CSV file (gzip if its name ends so), in small letters, `-` and blanks as `_`.
 
     Raises:
-        DataError: No such file, empty, or not readable.
+        DataError: The file is missing, empty, or not readable.
     """
     if not path.is_file():
         is_folder = path.is_dir()

@@ -58,7 +58,7 @@ def _scene(transition: Transition, setting: Setting) -> World:
 def chance_of(transition: Transition, setting: Setting) -> float:
     """Compute the probability with which an attentive driver of the model starts this lane change at this moment.
 
-    The road is that of `setting`, with at least three lanes; only the vehicles of the two lanes are there, each in the
+    The road comes from `setting`, with at least three lanes; only the vehicles of the two lanes are there, each in the
     centre of its lane.
     """
     world = _scene(transition, setting)
@@ -70,8 +70,8 @@ def chance_of(transition: Transition, setting: Setting) -> float:
 def compare_transitions(run: Experiment, names: Sequence[str], readings: Sequence[Reading]) -> list[dict[str, Any]]:
     """Compare the share of recorded lane changes that the model calls impossible with what is allowed, file by file.
 
-    Files without lanes or lane changes have no row. Who was out of the recorded stretch of road counts as not there, so
-    the true share is no smaller. The interval is the exact binomial one.
+    Files without lanes or lane changes have no row. A vehicle outside the recorded stretch counts as absent, so the
+    true share is no smaller. The interval is the exact binomial one.
 
     Args:
         run: The experiment, on a road of at least three lanes.

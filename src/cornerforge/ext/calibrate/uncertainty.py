@@ -1,6 +1,6 @@
 """Models as uncertain as the naturalistic model itself is: each uncertain number is drawn, and so are rows of data.
 
-`UNCERTAIN` is the one table of what is uncertain, by how much, and who says so. A draw multiplies each number by an
+`UNCERTAIN` is the one table of the uncertain numbers, their spread, and its source. A draw multiplies each number by an
 independent log-normal factor of median 1. Where a model's own fit states an interval of a number, its width is taken.
 See docs/adr/0034-the-models-own-uncertainty.md.
 """
@@ -33,7 +33,7 @@ class Uncertain:
         part, field: Where it is; as of `Variation`.
         width: Standard deviation of its natural logarithm.
         measured: The width comes from data; else it is a judgement.
-        source: Whose, in words.
+        source: Source of the width, in words.
         most, least: Largest and smallest value allowed; what is drawn beyond becomes this.
     """
 
@@ -167,8 +167,8 @@ def drawn_variations(model: NddModel, seed: int, k: int) -> tuple[Variation, ...
 def drawn_model(model: NddModel, seed: int, k: int) -> NddModel:
     """Draw a model: numbers by `drawn_variations`, and the rows of the following table that decisions stand behind.
 
-    Such a row is drawn from Dirichlet((n / `DESIGN_EFFECT` + s) row), n its decisions and s the prior's strength; its
-    mean is the row, and what is impossible stays impossible. All other rows are what the drawn law says.
+    A row is drawn from Dirichlet((n / `DESIGN_EFFECT` + s) row), n its decisions and s the prior's strength; its mean
+    is the row, and impossible entries stay impossible. All other rows are what the drawn law says.
 
     Args:
         model: About which to draw, with its provenance.

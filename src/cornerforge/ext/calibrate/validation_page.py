@@ -1,4 +1,4 @@
-"""The page of `ndd validate`: figures and tables from its result, nothing computed anew."""
+"""The page of `ndd validate`: figures and tables from its result, nothing computed again."""
 
 from __future__ import annotations
 

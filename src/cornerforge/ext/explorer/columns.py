@@ -51,7 +51,7 @@ _MEANT: dict[str, tuple[str, str]] = {
     "log_prob_policy": ("", "ln P(critical BV's actions) under the policy."),
     "policy": ("", "Hash of the policy that drove the test."),
 }
-"""Of columns whose files do not say it."""
+"""Unit and meaning of the columns for which files give none."""
 _FIRST = (
     "source", "case_id", "mechanism", "crash_type", "prevention", "way_out", "striker", "side", "fault", "fault_rule",
     "conduct", "impact_speed_mps", "av_injury_probability", "often", "role", "cluster", "pc1", "pc2",
@@ -105,7 +105,7 @@ class CaseTable:
         """Write columns as an Arrow IPC stream of one batch, after `source` and `case_id`.
 
         Raises:
-            InputError: There is no such column.
+            InputError: No column has this name.
         """
         known = self.table.column_names
         for name in names:

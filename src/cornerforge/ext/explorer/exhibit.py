@@ -38,7 +38,7 @@ class Ghost:
 
     Attributes:
         motion: From when it takes over, until the recording ends or it is touched.
-        prevents: Nobody touches it.
+        prevents: No vehicle touches it.
         reacts_s: When it sees danger first, since the begin of the test [s]; None: never.
     """
 
@@ -57,7 +57,7 @@ class Driving:
         ghosts: The reference drivers in a case, by name.
         with_av: The case as another AV drives it, the others as recorded: source, case, AV.
         exports: Formats for other tools, each with what people read.
-        export: Files of a case in such a format, by their names.
+        export: Files of a case in one of these formats, by their names.
     """
 
     drivers: tuple[str, ...]
@@ -103,7 +103,7 @@ class Exhibit:
         return self._state.table
 
     def analysed(self, source: str, analysis: Analysis) -> None:
-        """Take up an analysis that has just been written; `revision` grows. For one thread."""
+        """Use an analysis that has just been written; `revision` grows. For one thread."""
         self._state = self._state.analysed(source, analysis)
 
     # Each answer takes the state once: another may be there before it is done.
@@ -145,7 +145,7 @@ class Exhibit:
         """Make what /api/case/SOURCE/CASE_ID says.
 
         Raises:
-            UnknownKeyError: There is no such case.
+            UnknownKeyError: No case has this name.
             FileFormatError: It lies in a damaged file.
         """
         return dict(self._shown(source, case_id).data)
@@ -190,7 +190,7 @@ class Exhibit:
         """Make what /api/case/SOURCE/CASE_ID/with/AV says: the same case driven by another AV, others as recorded.
 
         Raises:
-            UnknownKeyError: There is no such case or AV.
+            UnknownKeyError: No case or no AV has this name.
             CornerForgeError: The case cannot be read or driven.
         """
         shelf, _ = self._state.find(source, case_id)
@@ -215,7 +215,7 @@ class Exhibit:
             Media type, file name, and content.
 
         Raises:
-            UnknownKeyError: There is no such case or format.
+            UnknownKeyError: No case or no format has this name.
             OutputError: The program that writes videos failed.
             UnavailableError: Too many videos are being made, or the server ends.
         """
@@ -260,7 +260,7 @@ class Exhibit:
             return _bits(self._asker[1], table, where)
 
     def close(self) -> None:
-        """End what was started: who waits or works is told so, and SQL's process ends."""
+        """Stop: waiting and running requests are told so, and SQL's process ends."""
         for room in (self._drives, self._asks, self._makes):
             room.close()
         if self._asker is not None:

@@ -68,7 +68,7 @@ class Room:
             raise UnavailableError("The server is ending.")
 
     def close(self) -> None:
-        """Let nobody in any more, send away who waits, and tell who is at work when it asks."""
+        """Admit no request any more, send away the waiting ones, and tell a running one when it asks."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()

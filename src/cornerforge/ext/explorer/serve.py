@@ -40,7 +40,7 @@ _LABELS = {"natural": "Natural traffic", "adversary": "Made by the adversary", "
 _IDLE_S = 2.0
 """So long after the page's first questions, kernels are loaded [s]: before, they would only slow the answers down."""
 _ENDS_S = 3.0
-"""So long is waited for what is done behind the page, when the server ends [s]."""
+"""Longest wait for work in the background when the server ends [s]."""
 
 
 @verb(Serve, writes=False)
@@ -106,7 +106,7 @@ class _Found:
 
 
 def _sources(place: Path) -> list[_Found]:
-    """Find the libraries of a folder, whose path is resolved, natural crashes first.
+    """Find the libraries of a folder (its path resolved), natural crashes first.
 
     Raises:
         InputError: There is none, or none holds a case.
@@ -214,7 +214,7 @@ def _warm_up(exhibit: Exhibit, found: Sequence[_Found]) -> None:
         case = exhibit.table.first_of(source.name)
         own = str(source.cases.identity["av"])
         for ask in (exhibit.case, exhibit.ghosts, lambda name, of, av=own: exhibit.case_with(name, of, av)):
-            with contextlib.suppress(Exception):  # who asks for it will be told
+            with contextlib.suppress(Exception):  # the request that needs it reports the error
                 ask(source.name, case)
 
 
@@ -226,7 +226,7 @@ def _driving(avs: Sequence[str], source: Source) -> Driving:
         source: One of the sources.
 
     Raises:
-        CornerForgeError: There is no such AV, or the library does not say with what it was made.
+        CornerForgeError: The AV is unknown, or the library does not say with what it was made.
     """
     from cornerforge.ext.explorer import Driving
 
@@ -306,7 +306,7 @@ class _Others:
         """Give what makes scripts of a source's cases, and what drives them with an AV.
 
         Raises:
-            CornerForgeError: There is no such AV, or the library cannot be driven again.
+            CornerForgeError: The AV is unknown, or the library cannot be driven again.
         """
         from cornerforge.verbs.stored_cases import StoredScripts, run_with
         from cornerforge.world_options import WorldOptions

@@ -35,7 +35,7 @@ class Door:
     Attributes:
         listening: The socket.
         host, port: Of the address.
-        token: Needed by whoever opens it; None on loopback.
+        token: Every request needs it; None on loopback.
         usual: The port is the one that was asked for, or the usual one.
     """
 

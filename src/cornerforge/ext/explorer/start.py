@@ -44,7 +44,7 @@ def miles_of(per_billion: NDArray[np.float64], largest: float) -> str:
 
 
 def _once_in(between: float | None, low: float | None, high: float | None) -> str:
-    """Say how many miles lie between two crashes, with the ends of the interval; None: there is no such end."""
+    """Say how many miles lie between two crashes, with the ends of the interval; None for a missing end."""
     said, *ends = ["no upper end" if miles is None else text.miles(miles) for miles in (between, low, high)]
     return f"once in {said} (95 %: {ends[0].removesuffix(' miles')} to {ends[1].removesuffix(' miles')})"
 
@@ -75,7 +75,7 @@ class _Cases:
         return name in self._table.column_names
 
     def texts(self, name: str, *, every: bool = False) -> NDArray[np.object_]:
-        """Texts of a column, None for null; all None if there is no such column."""
+        """Texts of a column, None for null; all None if the column does not exist."""
         if not self.has(name):
             values = np.full(self._table.num_rows, None, dtype=object)
         else:
@@ -159,7 +159,7 @@ def _own_doing(judged: Sequence[tuple[Source, Analysis]], table: CaseTable) -> d
         conduct = table.row(table.rows[source.name, case]).get("conduct")
         often = ""
         if analysis.found.natural is not None and flaw.share > 0.0:
-            # The interval of the share is that of its rate over the rate of all.
+            # The share's interval is the rate's interval over the rate of all.
             low, share, high = flaw.interval95[0], flaw.share, flaw.interval95[1]
             between = [
                 analysis.found.natural.all.miles_between / part if part > 0.0 else None for part in (share, high, low)

@@ -20,7 +20,7 @@ __all__ = ["Shelf", "State", "UnknownKeyError"]
 
 
 class UnknownKeyError(InputError):
-    """There is no such source, case, AV or format."""
+    """No source, case, AV or format has this name."""
 
 
 class _WaysOut:
@@ -117,7 +117,7 @@ class State:
         """Give the shelf of a case, and its row in the table.
 
         Raises:
-            UnknownKeyError: There is no such case.
+            UnknownKeyError: No case has this name.
         """
         row = self.table.rows.get((source, case_id))
         if row is None:

@@ -16,7 +16,7 @@ DRIVING_ID = "cornerforge/Driving-v0"
 
 for _id, _name in ((ADVERSARY_ID, "Adversary"), (DRIVING_ID, "Driving")):
     if _id not in registry:
-        # Named, not imported: who only lists environments need not wait for the simulator.
+        # Named, not imported: a program that only lists environments need not wait for the simulator.
         register(
             id=_id,
             entry_point=f"cornerforge.ext.gym.single:{_name}Env",

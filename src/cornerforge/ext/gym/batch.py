@@ -116,7 +116,7 @@ class Batch(ABC):
     Attributes:
         run: As given.
         seeds, tests: Seed and number of each world's test, int64 (B,).
-        is_seeded: Worlds whose seed was given or drawn, bool (B,).
+        is_seeded: Worlds with a seed that was given or drawn, bool (B,).
         is_over: Worlds without a running test, bool (B,).
         outcome: int64 (B,), codes as in OUTCOMES, 0 while running.
         worlds: Their states.
@@ -260,7 +260,7 @@ class Batch(ABC):
     @property
     @abstractmethod
     def truncated(self) -> NDArray[np.bool_]:
-        """Mark worlds whose test was cut off, bool (B,): Gymnasium's `truncated`."""
+        """Mark worlds with a test that was cut off, bool (B,): Gymnasium's `truncated`."""
 
     @abstractmethod
     def extra(self) -> dict[str, NDArray[Any]]:

@@ -23,7 +23,7 @@ __all__ = ["policy_of_sb3"]
 def policy_of_sb3(model: Any, *, bounded: bool = False) -> Policy:
     """Make the greedy policy of a DQN, to be written with `experiment.policy_file.save_policy`.
 
-    A plain Q-network is a dueling one without streams whose value is the mean of its outputs: Q = mean Q + (Q - mean
+    A plain Q-network is a dueling one without streams and with the mean of its outputs as value: Q = mean Q + (Q - mean
     Q). So the values are the network's own up to rounding in float32.
 
     Args:

@@ -127,7 +127,7 @@ class _BatchVectorEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]
     def step(
         self, actions: NDArray[Any]
     ) -> tuple[NDArray[np.float32], NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """One decision of every world (docs/gymnasium.md); worlds whose test ended begin anew as the mode says.
+        """One decision of every world (docs/gymnasium.md); worlds with an ended test begin again as the mode says.
 
         Raises:
             ClosedError: The environment is closed.
@@ -216,7 +216,7 @@ class AdversaryVectorEnv(_BatchVectorEnv):
     Args:
         num_envs: Number of worlds.
         threads: Threads that share them; None for all cores where there are enough worlds. Changes no result.
-        autoreset_mode: When worlds whose test ended begin anew: "NextStep", "SameStep" or "Disabled".
+        autoreset_mode: When worlds with an ended test begin again: "NextStep", "SameStep" or "Disabled".
         reward, delay, render_mode, world: As for `AdversaryEnv`.
 
     Raises:

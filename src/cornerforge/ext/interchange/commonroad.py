@@ -1,12 +1,11 @@
 """Writes cases as CommonRoad scenarios, 2020a XML.
 
 CommonRoad's conventions are nearly ours: rectangle centres, y to the left, radians counter-clockwise, whole time steps.
-Only its velocity is that of the vehicle along its own length, where ours is along the road. The road's right edge is
-y = 0; lanelet 1 is the rightmost lane. The vehicle of slot s is obstacle 100 + s, the AV obstacle 100.
+Only its velocity is along the vehicle's own length, where ours is along the road. The road's right edge is y = 0;
+lanelet 1 is the rightmost lane. The vehicle of slot s is obstacle 100 + s, the AV obstacle 100.
 
-Whoever takes the AV's place gets a planning problem: its start, and as the goal to be somewhere on the road at the last
-recorded step. So it is solved by getting through without a contact, at any speed. The schema wants such a problem in
-every file.
+The AV's place has a planning problem: its start, and as the goal to be somewhere on the road at the last recorded step.
+So it is solved by getting through without a contact, at any speed. The schema wants a planning problem in every file.
 
 What a case brings besides stands in the attribute `source`, the only one with free text that CommonRoad's own tools
 keep: "cornerforge; name: value; name: value".
@@ -119,7 +118,7 @@ def _plain(value: Fact) -> str:
 
 
 def _prolonged(scenario: Scenario) -> Scenario:
-    """Let all who are there at the end go straight on for some time: another AV may not be over yet."""
+    """Let all vehicles present at the end go straight on for some time: another AV may need longer."""
     after = FRAME_S * np.arange(1, _AFTER + 1)[:, None]
     last = {name: getattr(scenario, name)[-1:] for name in ("x", "y", "speed", "target_lane", "present")}
     more: dict[str, Any] = {name: np.repeat(values, _AFTER, axis=0) for name, values in last.items()}
@@ -154,7 +153,7 @@ def _pieces(scenario: Scenario, facts: dict[str, Fact], *, with_av: bool, date: 
 
 
 def _benchmark_id(scenario: Scenario) -> str:
-    """Name a scenario as CommonRoad does: Zamunda, the country of what is made up; seed and test, both from 1 on."""
+    """Name a scenario as CommonRoad does: Zamunda, the country of invented scenarios; seed and test, both from 1 on."""
     return f"ZAM_Cornerforge-{scenario.seed + 1}_{scenario.test + 1}_T-1"
 
 

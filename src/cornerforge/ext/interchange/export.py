@@ -56,8 +56,8 @@ class CaseWriter:
         options: How; None: as recorded.
 
     Raises:
-        UnknownNameError: There is no such format.
-        InputError: The format has no such mode or version.
+        UnknownNameError: The format is unknown.
+        InputError: The format does not have the mode or version.
         MissingExtraError: The format's library is not installed.
     """
 
@@ -121,8 +121,8 @@ def export(options: Export) -> Exported:
         What `cornerforge export --json` prints.
 
     Raises:
-        CornerForgeError: No such case or format, the library cannot be read, an extra is missing, or the folder cannot
-            be used.
+        CornerForgeError: The case or format is unknown, the library cannot be read, an extra is missing, or the folder
+            cannot be used.
     """
     began = time.perf_counter()
     given, place = Path(options.library), Path(options.out)

@@ -39,8 +39,8 @@ def cases_from_data(options: FromData) -> CasesFromData:
 
     Each case holds a recorded car (the ego) and all vehicles around it, some seconds before and after the moment. The
     AV takes the ego's place, with its speed; all others move as they did, whatever it does. So a vehicle behind runs
-    into an AV that brakes harder than the recorded driver: of such a crash `striker` is "bv", and it says little of
-    the AV. What moments are critical, `ext.interchange.moments` says.
+    into an AV that brakes harder than the recorded driver: the `striker` of that crash is "bv", and it says little
+    about the AV. What moments are critical, `ext.interchange.moments` says.
 
     Returns:
         What `cornerforge cases from-data --json` prints.

@@ -142,7 +142,7 @@ def _read(path: Path, ego: str | None, taken: set[str]) -> tuple[MovingCase, Cas
 
 
 def _facts_of_source(source: str, facts: Mapping[str, Fact]) -> dict[str, Fact]:
-    """Name facts as those of the source: who drove there, and who would have prevented it, is said of another AV."""
+    """Name facts as the source's own: driver and prevention there concern another AV."""
     stated = {name: fact for name, fact in facts.items() if (name, fact) != ("source", source)}
     return {"source": source, **{f"source_{name}": fact for name, fact in stated.items()}}
 

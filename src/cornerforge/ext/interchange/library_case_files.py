@@ -60,13 +60,13 @@ class CaseFilesOf:
             facts: What else is known; None: a few numbers of the library's.
 
         Raises:
-            CornerForgeError: There is no such case, it cannot be read, or it does not begin as stored.
+            CornerForgeError: The case is missing, it cannot be read, or it does not begin as stored.
         """
         stored = self._cases.scenario(case_id)
         script, happened = self._script(stored)
         licence = self._model.provenance.get("licence")
         on_rails = script.poses is not None
-        # A suite says of each case whose it was.
+        # A suite names the AV of each case.
         av = stored.scalars.get("source_av") if self._av == SEVERAL else self._av
         known_hash = self._cases.identity.get("av_hash")
         return CaseFile(

@@ -1,25 +1,24 @@
 """The most critical moments of recorded traffic, as moving cases with the recorded driver in the AV's seat.
 
 For each vehicle (the ego) and each other one ahead of it that is in its way, a measure says at every tenth of a second
-how critical it is. In the way is whose body the ego would meet if both went straight on along the road: their boxes
-share more than 0.3 m across it. So a vehicle that cuts in counts from the moment at which its body comes before the
-ego's. The measures:
+how critical it is. A vehicle is in the way if both would meet when they go straight on: their boxes share more than 0.3
+m across the road. So a vehicle that cuts in counts from the moment at which its body comes before the ego's. The
+measures:
 
 | name | what | why (not) |
 | --- | --- | --- |
 | `drac` | deceleration that just avoids contact if the other keeps its speed [m/s2] | the default: it says what is asked of the ego, and calls neither crawling nose to tail nor close following at equal speeds critical |
 | `ttc` | time to collision along the lane [s] | a queue that creeps at 0.5 m/s from 1 m behind has a TTC of 2 s |
-| `thw` | time headway [s] | finds who follows closely, whether or not anything happens |
-| `contact` | time to contact in the plane [s] | needs no one in the way: it sees vehicles that come closer sideways, and the noise of positions across the road, too |
+| `thw` | time headway [s] | finds egos that follow closely, whether or not anything happens |
+| `contact` | time to contact in the plane [s] | needs no vehicle in the way: it sees vehicles that come closer sideways, and the noise of positions across the road, too |
 
-Egos are cars, as an AV is. One event of an ego gives one moment, that of the worst value: none within half a window
-before or after it is worse. Whose recorded boxes overlap, because of smoothing, of lengths that are wrong, or of a
-tracking error, makes no case.
+Egos are cars, as an AV is. One event of an ego gives one moment, the one with the worst value: within half a window no
+moment is worse. Vehicles with overlapping recorded boxes (smoothing, wrong lengths, a tracking error) make no case.
 
-**The others do not react.** They are on rails: whoever drives in the ego's place starts with its recorded place and
-speed, and all others go where they went. An AV that brakes where the recorded driver did not can be struck from behind
-by a vehicle that would have braked; such a crash says little of the AV. Who struck whom tells them apart. In the last
-frame the ego is alone: what the others did after the window is not known, so nobody is struck there.
+**The others do not react.** They are on rails: the driver in the ego's place starts with its recorded place and speed,
+and all others go where they went. An AV that brakes where the recorded driver did not can be struck from behind by a
+vehicle that would have braked; that crash says little about the AV. The column `striker` tells them apart. In the last
+frame the ego is alone: what the others did after the window is not known, so no vehicle is struck there.
 
 How much is noise: of the 50 moments of NGSIM's US-101 clips with the largest `drac`, smoothed over 2.1 s, 35 are among
 the 50 smoothed over 1.1 s, and 33 among those smoothed over 3.1 s.
@@ -56,7 +55,7 @@ MEASURES = ("drac", "ttc", "thw", "contact")
 _UNITS = {"drac": "mps2", "ttc": "s", "thw": "s", "contact": "s"}
 _IN_THE_WAY = 0.3
 """By how much two boxes overlap across the road when one is in the other's way [m]: recorded widths and places across
-the road are no better than that, and who passes in the next lane is not in the way."""
+the road are no better than that, and a vehicle that passes in the next lane is not in the way."""
 _AHEAD = 100.0
 """How far ahead an ego is looked for others [m]."""
 _BESIDE = 8.0
@@ -68,9 +67,9 @@ _LONGEST, _NARROWEST = 30.0, 0.3
 _LEAST_BEFORE, _LEAST_AFTER = 2.0, 1.0
 """Shortest part of a window before and after the moment, where a track begins late or ends early [s]."""
 _SIDEWAYS = 0.2
-"""Who moves sideways more slowly keeps its lane: it has no lateral speed and no heading in a case [m/s]. An AV sees
-whoever has one as it sees a lane change, and the wandering and the noise of recorded vehicles are as fast as this. Its
-place stays the recorded one."""
+"""A vehicle slower sideways keeps its lane: it has no lateral speed and no heading in a case [m/s]. An AV sees any
+lateral speed as a lane change, and the wandering and the noise of recorded vehicles are as fast as this. Its place
+stays the recorded one."""
 _SAME = 0.2
 """Places and speeds of two moments that differ by less are the same, smoothed with other neighbours [m, m/s]."""
 _AV_LENGTHS, _AV_WIDTHS = (2.0, 20.0), (1.0, 2.6)
@@ -134,8 +133,8 @@ def critical_moments(
         order of the traffic, then of the ego's name and time.
 
     Raises:
-        InputError, UnknownNameError: A number is out of range, or there is no such measure.
-        DataError: Nobody drives behind anybody.
+        InputError, UnknownNameError: A number is out of range, or the measure is unknown.
+        DataError: No vehicle drives behind another.
     """
     check_integer("cases", most, low=1, high=100_000)
     check_number("before", before_s, low=_LEAST_BEFORE, high=60.0, unit="s")

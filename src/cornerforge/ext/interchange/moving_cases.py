@@ -44,7 +44,7 @@ class CaseOutcome:
         name: Of the case.
         outcome: CRASH, NO_CRASH or UNKNOWN.
         words: What happened.
-        happened: The same as numbers; None: nobody knows.
+        happened: The same as numbers; None where the AV's motion is unknown.
         library: Library that holds it; None: it is no crash.
         case_id: Its name there.
     """
@@ -90,7 +90,7 @@ def library_of(
     """Drive moving cases with an AV, and store those that end in a crash of the AV as a library on rails.
 
     The cases of a library share a road: those with as many lanes of the same width. The library has room for the
-    longest and fastest of them. Where there are several such roads, each gets a library of its own.
+    longest and fastest of them. Each road gets a library of its own.
 
     Args:
         cases: At least one.

@@ -137,8 +137,8 @@ def write_openscenario(
       take; its speed at each second. Lost: the quintic shape of a lane change (here half a wave of a cosine, as far
       across at its middle), accelerations within a second, and the times. Where the same gap occurred before the
       recorded begin too, a second condition wants the time of that to be over.
-      All others drive as recorded. If the AV met nobody, or its partner neither changed lanes nor braked, the property
-      `relative_manoeuvre` says "none", and the file is as in `controller`.
+      All others drive as recorded. If the AV met no vehicle, or its partner neither changed lanes nor braked, the
+      property `relative_manoeuvre` says "none", and the file is as in `controller`.
 
     A vehicle that comes later is added then, one that goes is deleted; one that comes again is another entity.
     Indicators are written from version 1.2 on, while a vehicle is not in the lane it goes to, but not for an AV with a
@@ -249,7 +249,7 @@ description={xosc.quoted(f"Case {self.case.name}")}>{in_header}</FileHeader>
             yield "relative_begin_s", round(FRAME_S * self.manoeuvre.begin, 1)
             yield "relative_measure", self.manoeuvre.trigger.measure
 
-    # Who takes part
+    # Entities
 
     def _entity(self, track: _Track, facts: str) -> str:
         scenario, column = self.scenario, track.column

@@ -3,7 +3,7 @@
 The road is the one that the AV starts on: its lanelet with what goes before and after it, and the lanelets beside that
 which go the same way. It must be straight or a gentle curve (`straightening`). Lanes get one width, the mean. Vehicles
 are the dynamic obstacles with exact states and a rectangle; all else stands in the notes, with its line. Kinds of
-lanelets, line markings and who may use a lane mean nothing here and are not listed.
+lanelets, line markings and permitted users of a lane have no effect here and are not listed.
 
 Coordinates: x along the road from the foot of the file's origin, or from the AV's start where the origin is more than
 10 km off; y from the right edge of the rightmost lane. The first frame is the AV's first.
@@ -49,7 +49,7 @@ _ON_LANE = 3.0
 """How far the AV may start from the middle of its lanelet [m]."""
 _ALIGNED = 0.5
 _DRIFT = 1.0
-"""A lanelet whose middle moves sideways by more, along the road, is none of its lanes [m]."""
+"""A lanelet with a middle that moves sideways by more, along the road, is not one of its lanes [m]."""
 _UNEVEN = 0.3
 _SHORT = 10.0
 _SWAYS = 0.25
@@ -134,8 +134,8 @@ def read_commonroad(path: Path, *, ego: int | None = None) -> MovingCase:
             obstacle starts in the same place, that obstacle, so that what the AV did is known.
 
     Raises:
-        InputError: There is no such file, no AV of that id, nothing says who is the AV, or the road and its vehicles
-            are beyond what can be driven (`straight_road`).
+        InputError: The file is missing, no AV has that id, nothing says which vehicle is the AV, or the road and its
+            vehicles are beyond what can be driven (`straight_road`).
         FileFormatError: It is no whole XML file, no CommonRoad scenario, or one of another version.
         DataError: A number is missing, none, or impossible; the road is neither straight nor a gentle curve.
     """
@@ -464,7 +464,7 @@ def _note_short_lanes(
 def _make_case(
     root: Element, road: _Road, av: _Track, others: list[_Track], step_s: float, notes: _Notes
 ) -> MovingCase:
-    """Put the AV and all who are on its road at some time between its first frame and the last on tenths of seconds."""
+    """Resample the AV, and all vehicles on its road between its first and last frame, to tenths of seconds."""
     first = float(av.states[0, 0])
     last = float(av.states[-1, 0]) if av.recorded else max([first, *(float(o.states[-1, 0]) for o in others)])
     frames = math.floor((last - first) * step_s / FRAME_S + 1e-6) + 1

@@ -128,7 +128,7 @@ class Road:
         """Smallest and largest t of a lane at s [m].
 
         Raises:
-            KeyError: There is no such lane.
+            KeyError: The lane does not exist.
         """
         section = self.section(s)
         side = 1 if ident > 0 else -1
@@ -178,7 +178,7 @@ class Roads:
         return self.roads[ident]
 
     def find(self, x: float, y: float) -> tuple[Road, float, float] | None:
-        """Find the road whose lanes hold a point of the world, and s and t there; None: no straight one does."""
+        """Find the road with lanes at a point of the world, and s and t there; None: no straight one does."""
         for road in self.roads.values():
             for piece in road.pieces:
                 if not piece.straight:
@@ -246,7 +246,7 @@ def read_opendrive(path: Path) -> Roads:
     """Read the roads of an OpenDRIVE file.
 
     Raises:
-        InputError: There is no such file.
+        InputError: The file is missing.
         FileFormatError: It is no OpenDRIVE file, or an unsafe or damaged one.
         DataError: A number of it cannot be, or there is no road.
     """

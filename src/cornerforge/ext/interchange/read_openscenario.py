@@ -1,9 +1,9 @@
 """Concrete OpenSCENARIO XML files (1.0 to 1.3) of straight multi-lane roads as moving cases.
 
-The file's storyboard is played: init, acts, manoeuvres and events with their triggers, in steps of 0.01 s; who is where
-at every tenth of a second is the case. Its x begins where the AV starts; the fact `start_x_m` says where that is: the s
-of the road along the travel, or the x of the world, if the road is laid along that. What is not carried over is listed
-by name and line.
+The file's storyboard is played: init, acts, manoeuvres and events with their triggers, in steps of 0.01 s; the places
+of all vehicles at every tenth of a second are the case. Its x begins where the AV starts; the fact `start_x_m` says
+where that is: the s of the road along the travel, or the x of the world, if the road is laid along that. What is not
+carried over is listed by name and line.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ _ROAD_USERS = ("Vehicle", "Pedestrian", "MiscObject")
 def read_openscenario(path: Path, *, ego: str | None = None) -> MovingCase:
     """Read a concrete OpenSCENARIO file with its OpenDRIVE road.
 
-    The road and catalogs are read from the folder of the file, the one above it, and what lies in them. A vehicle that
-    has a controller and is told nothing is one whose motion nobody knows: if it is the AV, the case holds its first
-    frame only, and triggers that look at it see it keep its speed and lane.
+    The road and catalogs are read from the folder of the file, the one above it, and what lies in them. A vehicle with
+    a controller and without commands has an unknown motion: if it is the AV, the case holds its first frame only, and
+    triggers that look at it see it keep its speed and lane.
 
     Args:
         path: The file.
@@ -51,8 +51,8 @@ def read_openscenario(path: Path, *, ego: str | None = None) -> MovingCase:
         The case; its `notes` list what is not carried over.
 
     Raises:
-        InputError: There is no such file, no or more than one AV, or a road or a number of vehicles that the simulator
-            does not have.
+        InputError: The file is missing, it has no or more than one AV, or a road or a number of vehicles that the
+            simulator does not have.
         UnknownNameError: No entity is called `ego`.
         FileFormatError: It is no concrete OpenSCENARIO file of a known version, or a damaged or unsafe one.
         DataError: Something in it cannot be, or nothing of what moves its vehicles can be carried over.
@@ -222,7 +222,7 @@ def _starts(storyboard: Element) -> dict[str, Element]:
 
 
 def _init(storyboard: Element, play: Storyboard, bodies: Mapping[str, Body]) -> set[str]:
-    """Do what Init says: first where all are, then how fast, then the rest; give whom it tells how to move."""
+    """Execute Init: positions, then speeds, then the rest. Return the entities that received a private action."""
     told: set[str] = set()
     todo: dict[str, list[tuple[Element, Body]]] = {"TeleportAction": [], "SpeedAction": [], "": []}
     for private, leaf in _private(storyboard):
@@ -284,7 +284,7 @@ def _note_others(top: Element, network: Element, notes: dict[str, None]) -> None
 
 
 def _check_carried(storyboard: Element, play: Storyboard) -> None:
-    """Refuse a file of whose moving actions not one was carried over."""
+    """Refuse a file if none of its moving actions was carried over."""
     left_out = {note.partition(" is left out")[0] for note in play.notes}
     moving = [
         leaf

@@ -57,7 +57,7 @@ _BACKWARDS = 2.0
 _STEADY_SPEED = 3.0
 """Below it a heading is that of the same lateral speed at this speed [m/s]: noise does not turn a standing vehicle."""
 _SIDEWAYS = 0.2
-"""Slower than this nobody changes lanes [m/s]: within a lane vehicles of US-101 wander at 0.2 m/s."""
+"""Lateral speed below which no vehicle changes lanes [m/s]: within a lane vehicles of US-101 wander at 0.2 m/s."""
 _LANE_WIDTHS = (2.5, 6.0)
 """Lane widths that can be driven [m]."""
 _LONE_LANE = 3.6
@@ -79,7 +79,7 @@ class TrafficFile:
         name: Its name, without folders.
         sha256: Of its bytes.
         layout: Name of the layout that it was recognised as.
-        credit: Who publishes such data, and what to heed before passing on what is made of them.
+        credit: Publisher of the data, and what to check before passing on results made of them.
         window: Smoothing window of positions [s].
         rows_read: All rows.
         left_out: Rows left out: reason -> (count, line of the first).
@@ -100,7 +100,7 @@ class TrafficFile:
 class Traffic:
     """All vehicles of one recording that drive in one direction.
 
-    Rows are sorted by vehicle, then frame. A vehicle whose track has a gap is absent there.
+    Rows are sorted by vehicle, then frame. A vehicle is absent in the gaps of its track.
 
     Attributes:
         file: Where it is from.
@@ -174,7 +174,7 @@ def read_traffic(paths: Sequence[Path], data_format: str | None = None) -> list[
         twice counts once, with a note.
 
     Raises:
-        UnknownNameError, InputError: No such format, or the columns leave it open.
+        UnknownNameError, InputError: The format is unknown, or the columns do not determine it.
         DataError: A file is missing, empty, cut off, has other columns, has no position across the road, less than 5
             rows a second, more vehicles than fit onto a road or no usable stretch, or its road cannot be driven: lanes
             below 2.5 m or above 6 m (feet taken for metres?), a bend.
@@ -507,7 +507,7 @@ def _starts(tracks: _Tracks) -> Ints:
 
 
 def _never_back(x: Floats, starts: Ints) -> Floats:
-    """Let nobody roll back by noise: each position is at least the one before in its stretch."""
+    """Keep noise from moving vehicles backwards: each position is at least the one before in its stretch."""
     made = x.copy()
     for first, end in zip(starts, np.append(starts[1:], x.size), strict=True):
         made[first:end] = np.maximum.accumulate(x[first:end])

@@ -95,14 +95,14 @@ def manoeuvre_of(scenario: Scenario, reference: NDArray[np.float64]) -> Manoeuvr
     """Find the last lane change or braking of the AV's crash partner.
 
     Of the two it is the lane change, unless that had ended before the braking began; a vehicle behind the AV endangers
-    nobody by braking. A lane change that turned around is one manoeuvre of two changes.
+    no other by braking. A lane change that turned around is one manoeuvre of two changes.
 
     Args:
         scenario: A recorded test.
         reference: How far each vehicle's reference point is behind its box's centre [m], (N,).
 
     Returns:
-        None where the AV touches nobody, or where its partner neither changed lanes nor braked, or is not there all
+        None where the AV touches no vehicle, or where its partner neither changed lanes nor braked, or is not there all
         the time.
     """
     crash = scenario.crash

@@ -124,12 +124,12 @@ def _write_parquet(part: Path, columns: dict[str, list[Any]], about: dict[str, A
 def read_table(path: Path) -> MovingCase:
     """Read a table that `write_table` wrote, or one of the same columns with the same comments or metadata.
 
-    Lateral speeds are differences of `y_m`. The case's frames are those of the AV, slot 0; an AV with one row only is
-    one of whom nobody knows what it did, and then all frames are read.
+    Lateral speeds are differences of `y_m`. The case's frames are those of slot 0, the AV. If slot 0 has a single row,
+    its motion is unknown, and all frames are read.
 
     Raises:
-        InputError: There is no such file, it has another ending, or road and vehicles cannot be driven.
-        FileFormatError: It is damaged, or not such a table.
+        InputError: The file is missing, it has another ending, or road and vehicles cannot be driven.
+        FileFormatError: It is damaged, or not a table of this kind.
         DataError: A value is missing, not finite or impossible.
     """
     read = {".csv": _read_csv, ".parquet": _read_parquet}.get(path.suffix)

@@ -1,7 +1,7 @@
 """XML files from anywhere, read safely: elements that know their line, and no way to reach beyond the file.
 
 Nothing is fetched and nothing is expanded: a file that declares a document type, an entity or another file is refused,
-for such declarations make bombs and read what is not theirs. Size, depth and number of elements are limited.
+because these declarations can expand without limit or read other files. Size, depth and number of elements are limited.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ def read_xml(path: Path, *, root: str, what: str) -> Element:
         what: What it should be, for messages, for example "an OpenSCENARIO file".
 
     Raises:
-        InputError: There is no such file, or it cannot be read.
+        InputError: The file is missing, or it cannot be read.
         FileFormatError: It is no whole XML file, has another root, declares a document type or entities, or is too
             large, too deep, or has too many elements.
     """

@@ -45,7 +45,7 @@ def make_case(
         facts: What else is known.
 
     Raises:
-        InputError: The simulator does not have such a road, or so many or so fast vehicles.
+        InputError: The road, the number of vehicles or their speeds are outside the simulator's limits.
         DataError: The AV is not there at the start, or drives against its lane.
     """
     order = [av, *(body for body in bodies.values() if body is not av)]

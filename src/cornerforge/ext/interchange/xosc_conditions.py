@@ -323,7 +323,7 @@ def _collision(element: Element, world: World) -> Callable[[Body], bool]:
 
 
 def _touch(a: Body, b: Body) -> bool:
-    """Do two boxes overlap? That of an AV of which nobody knows what it did touches none."""
+    """Whether two boxes overlap; always False for an AV with unknown motion."""
     if a.unknown or b.unknown:
         return False
     (ax, ay), (bx, by) = a.middle, b.middle

@@ -195,7 +195,7 @@ class Body:
         speed: Along its way [m/s]; `along_road` is its part along the road.
         lane: Index of the lane that an action has it keep or go to; None: not known.
         controlled: It has a controller of its own.
-        unknown: It is the AV, and nobody knows what it did: here it keeps its speed and lane.
+        unknown: It is the AV, and its motion is unknown: here it keeps its speed and lane.
         law, way, path: What moves it: its speed, across the road, along a trajectory; None: it keeps what it has.
     """
 
@@ -292,7 +292,7 @@ class Body:
             way_on = way.start + half * dt if way.by_distance else t - way.start
             y = way.y(way_on)
             if way.by_distance:
-                way.start = way_on  # of such a way, it is the distance gone
+                way.start = way_on  # here `start` is the distance gone
             across, self.y = (y - self.y) / dt, y
             way.done = way_on >= way.extent - _ENDS
         along = math.sqrt(max(half * half - across * across, 0.0))

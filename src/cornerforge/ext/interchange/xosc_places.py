@@ -116,7 +116,7 @@ class Places:
         """Index of the lane that lies `by` lanes along t from a vehicle's.
 
         Raises:
-            UnsupportedError: There is no such lane in the AV's direction.
+            UnsupportedError: No lane of this number leads in the AV's direction.
         """
         lane = self.frame.lane_of(body.y) if body.lane is None else body.lane
         wanted = lane + self.frame.along * by

@@ -280,7 +280,7 @@ class Bench:
         return self._kept_judgement(self.experiment(av, adversary, k), f"{adversary.key}.{k}")
 
     def judged_policy(self, policy: Policy, av: str, name: str) -> dict[str, Any]:
-        """Measure a policy from elsewhere likewise; `name` is for files and progress."""
+        """Measure a policy from elsewhere in the same way; `name` is for files and progress."""
         return self._kept_judgement(experiment(self._world, av=av, policy=policy), name)
 
     def _kept_judgement(self, run: Experiment, name: str) -> dict[str, Any]:
@@ -326,7 +326,7 @@ class Bench:
 
 
 def _file_name(av: str) -> str:
-    """Name an AV in the name of a file; `my_av:MyAv` and `nets/net.onnx` are no such names."""
+    """Name an AV in the name of a file; `my_av:MyAv` and `nets/net.onnx` cannot be used there."""
     return re.sub(r"[^A-Za-z0-9_.-]+", "-", av)
 
 

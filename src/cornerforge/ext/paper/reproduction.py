@@ -1,4 +1,4 @@
-"""The page of `reproduce`: figures and tables from `items.json`, nothing computed anew.
+"""The page of `reproduce`: figures and tables from `items.json`, nothing computed again.
 
 An item without a renderer of its own is shown as its table; `RENDERERS` lists the items with pictures.
 """

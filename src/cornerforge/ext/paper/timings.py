@@ -23,7 +23,7 @@ PAPER_CLUSTERS = 4
 
 
 def compute(bench: Bench) -> Finding:
-    """Times of this machine; the only item whose numbers do not repeat."""
+    """Times of this machine; the only item with numbers that do not repeat."""
     reached = seconds_to_yield(bench.timed_policy(FREE))
     rows = [
         Row(f"training to a yield of {PAPER_YIELD}", PAPER_SECONDS, reached, None, "s", "exploration included"),

@@ -44,7 +44,7 @@ FORMATS: dict[str, Format] = {
     ".gif": Format((800, 450), 10),
     ".webm": Format((1280, 720), 30, tuple(_VP9.split())),
 }
-"""By the ending of the file's name. MP4: H.264, whose index stands first, so that it plays while it loads."""
+"""By the ending of the file's name. MP4: H.264 with its index first, so that it plays while it loads."""
 
 
 def check_format(path: Path) -> Format:
@@ -80,7 +80,7 @@ def encode(pictures: Iterable[Picture], part: Path, kind: Format) -> None:
 
     Args:
         pictures: One after another, all of the format's size; each may be overwritten when the next is asked for.
-        part: The file, which is written anew.
+        part: The file; an existing one is replaced.
         kind: What it shall be.
 
     Raises:

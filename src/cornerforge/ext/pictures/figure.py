@@ -44,7 +44,7 @@ def figure(options: Figure) -> Figured:
         What `cornerforge figure --json` prints: the files, each with a caption.
 
     Raises:
-        CornerForgeError: There is no such case or chart, a file or output place is not right, or matplotlib is not
+        CornerForgeError: The case or chart is unknown, a file or output place is not right, or matplotlib is not
             installed.
     """
     inches = width_named(options.width)

@@ -58,7 +58,7 @@ def film(
 
     Args:
         scenario: The case.
-        path: The file, .mp4 (H.264), .webm (VP9) or .gif; one that is there is written anew, whole or not at all.
+        path: The file, .mp4 (H.264), .webm (VP9) or .gif; an existing one is replaced, whole or not at all.
         title: The case's name.
         sentence: What happened.
         way_out: The AV on a way out, shown as a dashed outline.

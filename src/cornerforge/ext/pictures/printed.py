@@ -1,6 +1,6 @@
 """The page's charts as figures for papers: the same dictionaries, drawn by matplotlib at a column's or a page's width.
 
-What is drawn is what the dictionaries of `figures` say, so that page and paper show the same numbers; what is for a
+The drawing shows what the dictionaries of `figures` say, so that page and paper show the same numbers; what is for a
 screen only (hover texts, sizes in pixels) is left out. Colours of the page are replaced where two of them become the
 same grey in print.
 """
@@ -127,7 +127,7 @@ def _names(traces: Sequence[Mapping[str, Any]], layout: Mapping[str, Any]) -> li
 
 
 def _rows(traces: Sequence[Mapping[str, Any]]) -> list[str]:
-    """The labels down the side, first on top, of a chart whose y axis has names; none for one of numbers."""
+    """Labels of the y axis, the first on top; none for an axis of numbers."""
     labels = [y for trace in traces for y in trace.get("y", ()) if isinstance(y, str)]
     return list(dict.fromkeys(labels))
 
@@ -279,5 +279,5 @@ def _plain(text: str) -> str:
     """Text of a chart without markup, and without what is for a screen."""
     lines = re.sub(r"<br\s*/?>", "\n", text)
     bare = html.unescape(re.sub(r"<[^>]+>", "", lines)).strip()
-    # A thin space is not in every font; what the page lets one click is none on paper.
+    # A thin space is not in every font, and paper has no links.
     return bare.replace("\u202f", "\u2009").replace(" (click to play)", "")

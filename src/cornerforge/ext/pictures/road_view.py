@@ -1,7 +1,7 @@
 """The road from above, to scale, drawn onto matplotlib axes; the same artists show one moment after another.
 
 The AV stays in its place and the road moves past it. Both axes are in metres, and a metre is as long on one as on the
-other. Colours are Okabe and Ito's as on the pages; who is who is also said by labels, outlines and shades of grey.
+other. Colours are Okabe and Ito's as on the pages; labels, outlines and shades of grey also identify each vehicle.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class RoadView:
         look: Colours and sizes.
         way_out: The AV on a way out, drawn as a dashed outline.
         points_per_metre: Of the picture, for the widths of lines.
-        labelled: Say who is who beside the vehicles.
+        labelled: Label the vehicles.
         margin: Room beyond the road's edges, below and above [m].
     """
 
@@ -236,7 +236,7 @@ class RoadView:
 
     def _show_labels(self, moment: Moment, others: list[int], pair: list[int], here: float) -> None:
         scenario, look = self._moments.scenario, self._look
-        speed = scenario.speed[int(moment.time / FRAME_S + 1e-6)]  # as recorded, or nobody could read it
+        speed = scenario.speed[int(moment.time / FRAME_S + 1e-6)]  # as recorded, to be readable
         said: dict[int, tuple[str, bool]] = {}
         for column in others if look.every_speed else []:
             said[column] = f"{speed[column]:.1f}", False

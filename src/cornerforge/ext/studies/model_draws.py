@@ -2,7 +2,7 @@
 
 Each drawn model is driven with tests or trees of its own; no test is reweighted. Plain tests say how often its BVs
 crash into one another, and a model that is unlike people in that counts for less. `draws/` holds a file a model; a kill
-loses the model in progress. What was driven otherwise (another method, another number of tests) is driven anew.
+loses the model in progress. Tests driven otherwise (another method, another number) are driven again.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ def with_model_draws(
 
 
 def _tests_each(found: NaturalRate) -> int:
-    """Choose a power of 2, so that a run that goes on a little seldom drives all models anew."""
+    """Choose a power of 2, so that a run that goes on a little seldom drives all models again."""
     wanted = 1 << math.ceil(math.log2(_CRASHES_EACH / found.crashes_per_test))
     return min(found.tests, wanted)
 

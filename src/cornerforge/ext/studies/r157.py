@@ -199,7 +199,7 @@ def _keep(run: Experiment, one: _Driven, rails: Rails, library: CaseLibrary, see
 
 
 def _columns(one: _Driven) -> dict[str, list[Any]]:
-    """Make the columns that say which scenario it was, and who crashes in it; NaN where a quantity has no place."""
+    """Make the columns of the scenario and of the AVs that crash in it; NaN where a quantity does not apply."""
     panel = one.panel
     x, y = panel.points
     nothing = np.full(len(panel), np.nan)

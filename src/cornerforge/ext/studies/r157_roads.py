@@ -69,7 +69,7 @@ def _gap_density(gap: NDArray[np.float64], band: _Band) -> NDArray[np.float64]:
 def closing_at_least(other: float, closing: float) -> float | None:
     """Compute the share of closing cut-ins at a speed of the other vehicle that close at least so fast [both m/s].
 
-    None: none were recorded at such a speed.
+    None where no cut-in was recorded at this speed.
 
     >>> round(closing_at_least(27.8, 8.33), 5)
     0.00101
@@ -85,7 +85,7 @@ def closing_at_least(other: float, closing: float) -> float | None:
 def cut_in_density(
     other: float, closing: float, gap: NDArray[np.float64], lateral_speed: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
-    """Compute how often cut-ins happen, relative to each other; None: none were recorded at such a speed.
+    """Compute how often cut-ins happen, relative to each other; None: no record at this speed.
 
     Args:
         other: Speed of the vehicle that cuts in [m/s].

@@ -3,8 +3,8 @@
 Two or three cars of 4.3 m x 1.9 m on lanes of 3.5 m, every tenth of a second, as in the public implementation of the
 reference drivers (Mattas et al. 2020, 2022). The AV drives in the second lane from the right; the others are on rails.
 
-- *Cut-in*: a slower car comes over from the right at a constant lateral speed. Speeds, gaps and lateral speeds are
-  those of the published verdicts (Mattas et al. 2022). The gap is that when the lateral speed is reached.
+- *Cut-in*: a slower car comes over from the right at a constant lateral speed. Speeds, gaps and lateral speeds are from
+  the published verdicts (Mattas et al. 2022). The gap is the one at full lateral speed.
 - *Cut-out*: the AV follows at a time gap of 2.0 s (the regulation, Annex 4, Appendix 3); the lead leaves to the right
   and uncovers a slower or a standing car. Grid points in which the lead itself would hit that car are left out.
 - *Deceleration*: the AV follows; the lead brakes to a stand, up to 1 g (Appendix 3), built up at 12.65 m/s3. Time gaps
@@ -36,7 +36,7 @@ _FRAMES = 10 * SECONDS + 1
 _LENGTH, _WIDTH, _LANE_WIDTH = 4.3, 1.9, 3.5
 _AV_LANE = 1
 _TEST_LENGTH = 2000.0
-"""Nobody drives farther in that time [m]."""
+"""Longest way of any vehicle in that time [m]."""
 _KMH = 3.6
 _JERK = 12.65
 _FOLLOWING = 2.0
@@ -112,7 +112,7 @@ def panels(families: Iterable[str], odd: Odd) -> tuple[list[Panel], list[int]]:
         The panels, and the speeds of the AV that the ODD does not allow [km/h].
 
     Raises:
-        UnknownNameError: There is no such family.
+        UnknownNameError: The family is unknown.
         InputError: None is given.
     """
     wanted = [check_in("family", one, FAMILIES) for one in families]

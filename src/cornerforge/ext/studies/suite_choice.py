@@ -27,7 +27,7 @@ class Chosen:
     Attributes:
         cases: Rows of the matrix, in the order in which they were chosen.
         wanted, found: Findings of all cases together, and of these.
-        clear, in_order: Pairs of AVs whose order is clear in all cases, and those in the same order in these.
+        clear, in_order: Pairs of AVs with a clear order in all cases, and the pairs in the same order in these.
         agreement: `rank_agreement` of these with all cases; None: all AVs crash equally often.
     """
 
@@ -111,7 +111,7 @@ def choose(crashes: NDArray[np.bool_], severity: NDArray[np.float64], size: int)
     First those that find most of what is not found yet (greedy set cover), until nothing is left to find; then always
     the case that brings the AVs' shares of crashes nearest to those in all cases (sum of squares). Of equals the most
     severe. The suite is the shortest beginning of this list that finds all that the list finds and, as every longer
-    beginning does, has as many pairs of AVs in order as the list, of those whose order is clear in all cases.
+    beginning does, has as many pairs of AVs in order as the list, among the pairs with a clear order in all cases.
 
     Args:
         crashes: Did the AV crash in the case, (S, A).
@@ -176,7 +176,7 @@ def leave_one_out(
 ) -> list[LeftOut]:
     """Choose a suite without each AV, and say what it knows of that AV.
 
-    AVs that crash in no case are passed over, and so is one whose suite would be empty without it.
+    AVs that crash in no case are passed over, and so is an AV if the suite would be empty without it.
 
     Args:
         crashes, severity, size: As for `choose`.
