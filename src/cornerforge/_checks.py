@@ -105,7 +105,7 @@ def check_is_json(name: str, value: Mapping[str, Any]) -> dict[str, Any]:
     """Return a copy of a dictionary that JSON can hold as it is.
 
     Raises:
-        InputError: It is no dictionary, or JSON has no such value: NaN, infinity, an array, a number of NumPy, bytes.
+        InputError: It is no dictionary, or holds what JSON cannot: NaN, infinity, an array, a number of NumPy, bytes.
 
     >>> check_is_json("about", {"seed": 1})
     {'seed': 1}

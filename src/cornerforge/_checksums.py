@@ -1,8 +1,8 @@
 """Checksums that files carry over their own content, so that reading notices a changed value.
 
 A JSON object carries the SHA-256 of its other keys, a file of arrays (`.npz`) one of each array, a file of weights
-(safetensors) one of its header and weights. Tables have theirs in `_table_checks`. A checksum tells of damage and of
-edits by hand; it is no signature: who makes a file anew can make the checksum anew.
+(safetensors) one of its header and weights. Tables have theirs in `_table_checks`. A checksum shows damage and edits by
+hand. It is no signature: anyone can compute it.
 """
 
 from __future__ import annotations
@@ -270,7 +270,7 @@ def read_arrays(path: Path, what: str, *, old: bool = False) -> dict[str, NDArra
         All arrays, by name.
 
     Raises:
-        FileFormatError: It is missing, damaged, or no such file; the array that does not fit is named.
+        FileFormatError: It is missing, damaged, or another kind of file; an array that does not fit is named.
         NoChecksumError: It carries no checksums.
     """
     try:

@@ -14,7 +14,7 @@ def door(package: str, places: Mapping[str, str]) -> Callable[[str], Any]:
 
     Args:
         package: Full name of the package.
-        places: The names that it gives, each with its module below the package; "" for a name that is such a module.
+        places: The names that it gives, each with its module below the package; "" for a name that is a module itself.
 
     Raises:
         AttributeError: The name that is asked for is not among them.

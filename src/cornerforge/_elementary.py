@@ -226,7 +226,7 @@ def atan(x: float) -> float:
             c = 0.25 * j
             start = _ACOT[j]
             lacks = _ACOT_LACKS[j]
-            most = min(c, 0.5)  # 3/4 in two steps, whose products are exact
+            most = min(c, 0.5)  # 3/4 in two steps with exact products
             t = ((most * size - 1.0) + (c - most) * size) / (size + c)
         else:
             return x if x != x else math.copysign(_ACOT[0], x)

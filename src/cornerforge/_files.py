@@ -91,7 +91,7 @@ def _remove_dead(path: Path, parts: list[str]) -> None:
 
 @contextmanager
 def below(*roots: str) -> Iterator[None]:
-    """Refuse, within, to write through links that lie below these folders: who packed a folder may have laid them."""
+    """Refuse, within, to write through links below these folders: the folder's author may have made them."""
     token = _ROOTS.set(_ROOTS.get().union(roots))
     try:
         yield

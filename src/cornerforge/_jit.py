@@ -4,8 +4,8 @@
 (so that ranges of tests run in a thread pool), and keeps IEEE semantics: no `fastmath`, hence results that do not
 depend on vector width, thread count or batch size.
 
-Numba by itself notices edits of the file in which a function stands, but not of files whose functions it calls, and
-would go on with stale code. Here machine code is kept under a hash of all that a kernel reaches (`_kernel_content.py`).
+Numba by itself notices edits of the file in which a function stands, but not in the files of functions that it calls,
+and would go on with stale code. Here the key is a hash of all that a kernel reaches (`_kernel_content.py`).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _OPTIONS: dict[str, Any] = {
 def _load_array_functions() -> None:
     """Load Numba's functions of arrays without SciPy's BLAS, which takes half a second and which no kernel uses.
 
-    Numba loads it here only to see that it is there; a function of somebody else that multiplies matrices asks again
+    Numba loads it here only to see that it is there; a function of another package that multiplies matrices asks again
     when it is compiled.
     """
     usual = numba.np.linalg.ensure_blas

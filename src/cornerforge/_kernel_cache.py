@@ -5,7 +5,7 @@ arguments, the processor, Numba, LLVM and Python. So a file is right wherever it
 shared by checkouts, kept by CI, shipped and read-only.
 
 A program must start wherever Python starts: with a read-only package, without a home folder, on a full disk. Kernels
-are then compiled for this run only. A damaged file is dropped and its kernel compiled anew.
+are then compiled for this run only. A damaged file is dropped and its kernel compiled again.
 """
 
 # mypy: disable-error-code="no-untyped-call"
@@ -156,7 +156,7 @@ class KernelCache:
         _write(self._name(sig, target()), lambda: (shared_of(data.library), *_without_bitcode(data)))
 
     def flush(self) -> None:
-        """Do nothing: what is compiled anew has another name, or the same content."""
+        """Do nothing: newly compiled code has another name, or the same content."""
 
     def _name(self, sig: Any, made_for: str) -> str:
         return _name_of(self._kernel, sig, made_for)

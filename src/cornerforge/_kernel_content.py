@@ -31,7 +31,7 @@ def content_hash(kernel: Any) -> str:
         kernel: As `_jit.kernel` made it.
 
     Raises:
-        TypeError: A function reads a global of a type whose content cannot be told.
+        TypeError: A function reads a global of a type without readable content.
     """
     return hashlib.sha256("\n".join(sorted(set(functions_reached(kernel).values()))).encode()).hexdigest()
 

@@ -1,4 +1,4 @@
-"""Locks: an output place belongs to one call at a time, and whoever wants it meanwhile is told which process has it.
+"""Locks: an output place belongs to one call at a time, and another call is told which process has it.
 
 A folder is locked by the file `.cornerforge.lock` in it, a single file by `.NAME.cornerforge.lock` beside it, with the
 package `filelock`. The lock is the operating system's, so that of a killed process is free at once; its file only says
@@ -26,12 +26,12 @@ __all__ = ["claim_file", "claim_folder", "claims", "command_line", "is_lock", "l
 
 _NAME = ".cornerforge.lock"
 _TRIES, _WAIT_S = 10, 0.2
-"""A call that only looks whether a lock is held, holds it for a moment: so wait before giving up."""
+"""Retries and pause. Checking a lock takes it for a moment, so one failure does not mean that another call has it."""
 _LONGEST = 120
 _NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP}
-"""What a file system says that has no locks; there the file decides, as `filelock.SoftFileLock` has it."""
+"""Errors of a file system without locks; there the existence of the file decides (`filelock.SoftFileLock`)."""
 _SCOPE: ContextVar[tuple[ExitStack, set[Path]] | None] = ContextVar("claims", default=None)
-"""What ends at the end of this call, and the places that it, or a call around it, has claimed."""
+"""Releases at the end of this call, and the places that it, or a call around it, has claimed."""
 
 
 def is_lock(name: str) -> bool:
@@ -56,7 +56,7 @@ def command_line() -> str:
 
 @contextmanager
 def claims() -> Iterator[None]:
-    """Hold all that is claimed within, up to the end; a decorator of whatever writes an output.
+    """Hold all that is claimed within, up to the end; a decorator of functions that write an output.
 
     A call within it may claim what it holds. Another thread may not.
     """
@@ -82,7 +82,7 @@ def claim_folder(folder: Path) -> None:
 
 
 def claim_file(path: Path) -> None:
-    """Claim an output file likewise, with the files beside it that are named after it.
+    """Claim an output file in the same way, with the files beside it that are named after it.
 
     Raises:
         OutputError: Another process or thread writes there, or its folder cannot be written.
@@ -120,7 +120,7 @@ def _claim(path: Path, *, is_folder: bool) -> None:
 
 
 def _holder_above(file: Path, briefly: ExitStack) -> str:
-    """Say which process holds the lock of a folder above; one that is no lock, or another user's, holds nothing up."""
+    """Say which process holds the lock of a folder above; no lock, or another user's, is ignored."""
     with suppress(OSError):
         return _lock(file, briefly) if os.path.lexists(file) else ""
     return ""

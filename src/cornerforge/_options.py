@@ -1,6 +1,6 @@
 """Options of verbs, declared once: Python's signatures, checks, commands, config files and docs are made of them.
 
-A verb has a frozen dataclass whose fields are its options, in a module that is light to import, because `--help` needs
+A verb has a frozen dataclass with its options as fields, in a module that is light to import, because `--help` needs
 it. The annotation of a field says its type and, in an `Option`, what it means and which values it may have.
 
     @dataclass(frozen=True, kw_only=True)
@@ -186,11 +186,11 @@ class Command:
     Attributes:
         options: Class of the verb's options; its docstring is the help of the command.
         verb: Function of the verb, as "module:function" below cornerforge.
-        says: Function that writes a result for people, likewise.
+        says: Function that writes a result for people, in the same form.
         examples: One or two command lines that run as written, for the end of its help. They may use what
             `cornerforge run --effort quick --out out/demo` and `cornerforge init my-av` leave.
         name: Words of the command, such as "suite build"; "" for the name of the function.
-        fails: Function of the result, likewise: None where all is well, else what to say on standard error ("":
+        fails: Function of the result, in the same form: None where all is well, else what to say on standard error ("":
             nothing) before the program ends with status 1.
         stages: It may take minutes; without a terminal, each stage that has ended is told in a line.
         spreads: It takes --engine and --address.
@@ -217,7 +217,7 @@ def verb(options: Callable[P, OPTIONS], *, writes: bool = True) -> Callable[[Cal
 
     Raises:
         InputError: A value is not allowed.
-        TypeError: There is no such option, or one is missing.
+        TypeError: An option is unknown or missing.
     """
 
     def of(function: Callable[[OPTIONS], R]) -> Callable[P, R]:

@@ -20,7 +20,7 @@ def column_fault(column: pa.ChunkedArray, field: Field, name_of: Callable[[int],
     """Say what is wrong with a column, or None: its type, a missing value, NaN, infinity, a value out of range.
 
     Args:
-        column: The values; those of lists are checked one by one. The name of a list's values in its type is free.
+        column: The values; values of lists are checked one by one. The name of a list's values in its type is free.
         field: What it must be.
         name_of: Names a row.
     """

@@ -67,10 +67,10 @@ class MarkedCase:
             return read_case_file(self.path)
 
     def drive(self, av: str | None = None) -> DrivenCase:
-        """Drive the case; the test fails if the file is wrong, there is no such AV, or it gives no usable answer.
+        """Drive the case; the test fails if the file is wrong, the AV is unknown, or it gives no usable answer.
 
         Args:
-            av: Another AV than that of the marker; "recorded": whatever was in the AV's seat.
+            av: Another AV than the marker's; "recorded": the vehicle that was recorded in the AV's place.
         """
         return self._drive(av or self.av, "any")
 

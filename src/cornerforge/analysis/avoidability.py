@@ -133,7 +133,7 @@ class Witness:
 
 @dataclass(frozen=True)
 class Avoidability:
-    """Answer for one crash. Times are seconds before the contact, None where there is no such moment.
+    """Answer for one crash. Times are seconds before the contact, None where no moment of this kind exists.
 
     Attributes:
         label: A key of `LABELS`.
@@ -261,7 +261,7 @@ _SPEED_TOLERANCE = 1e-3
 
 
 def problem_of(case: Recordings, bv_slot: int, odd: Odd) -> str | None:
-    """Say why one case, whose crash partner has slot `bv_slot`, cannot be judged; None: it can."""
+    """Say why one case with crash partner `bv_slot` cannot be judged; None: it can."""
     frames, last, partner = int(case.frames[0]), int(case.last[0]), int(case.partner[0])
     there = case.present.reshape(-1, frames)
     speed = case.speed[case.present]

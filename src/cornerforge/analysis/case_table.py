@@ -73,7 +73,7 @@ class ShardReading:
 
     Attributes:
         odd: Road and rules of the library.
-        look_at: Ids of the cases whose avoidability is looked for.
+        look_at: Ids of the cases to judge for avoidability.
         params: What the AV may do.
         threads: Size of the pool; does not change the result.
     """
@@ -130,7 +130,7 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
 
 
 def _prevented_by_braking(table: pa.Table) -> NDArray[np.float64]:
-    """Return the share of the reference drivers whose braking would have prevented each case, (S,); 0 where unknown."""
+    """Return the share of reference drivers that would have prevented each case by braking, (S,); 0 where unknown."""
     names, held = table.column("prevented_by").to_pylist(), table.column("held_speed_prevents").to_pylist()
     by = [
         0 if who is None or who == "nobody" or enough else who.count(",") + 1

@@ -1,6 +1,6 @@
 """The AV's own mistakes before a crash, read from the recorded motion alone, so for any AV.
 
-RSS says who broke a rule last, a way out what hindsight could have done. An engineer asks what his AV does. The rules
+RSS says which vehicle broke a rule last, a way out what could have helped. An engineer asks what the AV does. The rules
 look at the AV and the vehicle that it touched; in this order, the first that fits names the case, else "none":
 
 1. `hesitates`: within 8 s before, it had left its lane and turned back, or turned three times, and it moved sideways in
@@ -72,9 +72,9 @@ _TURNS = 3
 _ASTRIDE = 35
 """Frames of the 8 s before the contact for which it is astride a line, before it counts as hesitating."""
 _SETTLED, _STAYS = 0.1, 20
-"""Who stays so many frames this near to its farthest point [m] has not turned back, but changed lanes twice."""
+"""A vehicle that stays so many frames this near to its farthest point [m] has changed lanes twice, not turned back."""
 _ENTERED = 0.4
-"""Who moved at least this far sideways towards the other, in the 3 s before their paths met, moved in [m]."""
+"""A vehicle moved in if it went at least this far towards the other in the 3 s before their paths met [m]."""
 _STILL = 0.005
 """Less than this in a frame is no sideways motion [m]."""
 _AFTER_CHANGE = 40
@@ -90,7 +90,7 @@ _BRAKES = -1.0
 _RISE, _RISE_FRAMES = 0.5, 5
 _FOLLOWS, _STEADY, _TIME_GAP = 20, 1.0, 0.8
 _CUT_IN = 0.3
-"""Time gap that a lane change must leave to who drives behind [s]."""
+"""Time gap that a lane change must leave to the vehicle behind [s]."""
 _NEAR = 0.1
 """No gap is taken as smaller where braking is computed [m]."""
 _BLOCK = 256

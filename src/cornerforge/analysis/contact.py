@@ -2,8 +2,8 @@
 
 At the first frame of contact (frames are 0.1 s apart) boxes already overlap by up to a few metres, so the shallowest
 overlap does not tell the face: a rear-end crash at 20 m/s is 2 m deep, and may overlap by less sideways. So both boxes
-are moved back along their velocities to the moment at which they touched; the axis of separation that closed last is
-that of the contact. (Separating axes: Gottschalk et al. 1996; swept: Eberly, "Dynamic Collision Detection".)
+are moved back along their velocities to the moment at which they touched; the contact is on the axis of separation that
+closed last. (Separating axes: Gottschalk et al. 1996; swept: Eberly, "Dynamic Collision Detection".)
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _TOUCH_TOLERANCE_M = 0.1
 _ALONG_ROAD = 0.5
 """Cosine of 60 degrees: up to there a heading counts as along the road."""
 _FACING = 0.5
-"""Cosine of 60 degrees: a front or rear whose normal is closer than that to facing the other box's face takes part."""
+"""Cosine of 60 degrees: a front or rear takes part if its normal is closer than that to facing the other face."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def find_contact(
     Args:
         pose: [x m, y m, speed along the road m/s, heading rad] of the AV (0) and the BV (1), shape (S, 2, 4), finite.
         length: Of the boxes [m], one number or shape (S, 2), each 0.1 to 50.
-        width: Likewise.
+        width: Width of the boxes [m], in the same form.
 
     Raises:
         InputError: A shape is wrong, a value is not finite or out of range, or two boxes are more than 0.1 m apart.

@@ -61,16 +61,15 @@ def classify_crashes(
     """Classify crashes by which faces met first and how the headings stood.
 
     In this order: headings more than 140 degrees apart: head-on. A front or rear met a rear or front with headings less
-    than 10 degrees apart: rear-end, struck by the vehicle whose front it was. A side took part with headings less than
-    40 degrees apart: sideswipe, struck by the vehicle with at least 75 % of the closing speed across the road, else
-    mutual.
-    All other crashes: angle, struck by the vehicle whose front took part, mutual if both fronts or neither did.
+    than 10 degrees apart: rear-end, struck by the vehicle with that front. A side took part with headings less than 40
+    degrees apart: sideswipe, struck by the vehicle with at least 75 % of the closing speed across the road, else
+    mutual. All other crashes: angle, struck by the vehicle with its front in it, mutual with both fronts or neither.
 
     Args:
         pose: [x m, y m, speed m/s, heading rad] of the AV (0) and the BV (1) in the first frame of contact,
             shape (S, 2, 4).
         length: Of the vehicles [m], one number or shape (S, 2), each 0.1 to 50.
-        width: Likewise.
+        width: Width of the vehicles [m], in the same form.
 
     Raises:
         InputError: A shape is wrong, a value is not finite or out of range, or two boxes do not touch (by more than

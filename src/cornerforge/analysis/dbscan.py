@@ -33,7 +33,7 @@ MAJORITY_SHARE = 0.1
 NOISE = -1
 
 _BLOCK = 65_536
-"""Number of points whose neighbours are in memory at a time."""
+"""Number of points that have their neighbours in memory at a time."""
 
 
 @dataclass(frozen=True)
@@ -135,8 +135,8 @@ def choose_eps(points: NDArray[np.float64], min_samples: int) -> float:
     """Radius of a neighbourhood: the knee of the sorted distances to the 2 x `min_samples`-th nearest case.
 
     A core needs half as many, a margin against chance gaps: at the knee for `min_samples` itself, points spread evenly
-    along a line fall apart, and 13 % of one Gaussian cloud of 800 are noise. Distances of zero are left out: such cases
-    are cores at any radius and say nothing of it.
+    along a line fall apart, and 13 % of one Gaussian cloud of 800 are noise. Distances of zero are left out: these
+    cases are cores at any radius and say nothing of it.
 
     Args:
         points: Shape (S, 2), not all equal.

@@ -1,8 +1,8 @@
 """Kernels of DBSCAN in the plane: points sorted into square cells, in linear memory.
 
 A cell is 0.7 eps wide, so its diagonal is shorter than eps: points in one cell are neighbours, a cell that holds
-`min_samples` points holds cores only, and the cores of a cell are in one cluster. Two cells whose indices differ by
-more than 2 hold no neighbours. So cores, clusters and noise follow from looking at most two cells far. (The idea is
+`min_samples` points holds cores only, and the cores of a cell are in one cluster. Two cells with indices more than 2
+apart hold no neighbours. So cores, clusters and noise follow from looking at most two cells far. (The idea is
 Gunawan's, 2013.) Every distance is compared as dx dx + dy dy <= eps eps, as scikit-learn's k-d tree does it.
 
 Cells are sorted by column, then row, so that the cells of one column from two below to two above a cell lie side by
@@ -189,7 +189,7 @@ def attach_border(
     first: NDArray[np.int64],
     label: NDArray[np.int64],
 ) -> None:
-    """Give every point its cluster: a core that of its cell, another that of the nearest core within eps, else -1.
+    """Give every point its cluster: a core its cell's, another point the nearest core's within eps, else -1.
 
     Of equally near cores the one with the smaller x, then y, decides, so that the order of the points does not.
 

@@ -1,6 +1,6 @@
 """Fault for a crash, found by the rules of responsibility-sensitive safety, RSS, from the recorded motion.
 
-Definitions are those of Shalev-Shwartz, Shammah and Shashua (2017), arXiv:1708.06374; what they leave open, and why our
+Definitions follow Shalev-Shwartz, Shammah and Shashua (2017), arXiv:1708.06374; what they leave open, and why our
 numbers are what they are, stands in docs/adr/0015-fault.md. For the AV and the vehicle that it touched first:
 
 1. A moment is *dangerous* when both the longitudinal and the lateral distance are below the safe one.
@@ -207,7 +207,7 @@ def _sideways_speed(motion: PairMotion) -> NDArray[np.float64]:
 
 
 def assign_fault(recordings: Recordings, rules: RssRules | None = None) -> Faults:
-    """Say who was at fault in each case; the module's text states the rules.
+    """Say which vehicle was at fault in each case; the module's text states the rules.
 
     Args:
         recordings: The cases.

@@ -1,7 +1,7 @@
 """The flaw that an AV's crashes show: what it does wrong most, in words, from the conduct in each case (`conduct.py`).
 
-One crash can come of one wrong act; a flaw shows in many. Two facts are seen in many cases only: that all who were
-overlooked were on one side, and that nobody ahead of the AV was overlooked in its lane changes, but many behind.
+One crash can come from one wrong act; a flaw shows in many. Two facts need many cases: all overlooked vehicles were on
+one side; in lane changes the AV overlooked many vehicles behind it and none ahead.
 """
 
 from __future__ import annotations
@@ -115,8 +115,8 @@ def headline(natural: OwnDoing | None, adversary: OwnDoing | None) -> str:
     """Say first what matters most: the flaw that natural crashes show, else the one that an adversary found, else none.
 
     Args:
-        natural: What natural cases show; None: there are none.
-        adversary: What the cases of an adversary show; None likewise. One of the two must be given.
+        natural: What natural cases show; None without natural cases.
+        adversary: What the cases of an adversary show; None without them. One of the two must be given.
     """
     told = [one for one in (natural, adversary) if one is not None]
     flawed = [one for one in told if one.flaws]

@@ -112,8 +112,8 @@ def choose_k(points: NDArray[np.float64], *, seed: int = 0) -> Choice:
 
     "No structure" has a measure: points spread evenly over the group's box along its principal axes (the reference of
     Tibshirani et al.'s gap statistic, 2001) have silhouettes too, and long boxes have large ones. The group's best must
-    exceed the mean best of 12 such references by 3 of their standard deviations. A fixed cut, such as the often quoted
-    0.5, calls every straight line clustered. A subsample of 400 cases decides; that bounds the time.
+    exceed the mean best of 12 references of this kind by 3 of their standard deviations. A fixed cut, such as the often
+    quoted 0.5, calls every straight line clustered. A subsample of 400 cases decides; that bounds the time.
 
     Args:
         points: Shape (S, 2), finite.

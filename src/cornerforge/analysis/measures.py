@@ -1,7 +1,7 @@
 """Measures of every case: how near the AV came to others, and how hard the crash was. One row a case, in columns.
 
 Definitions of the single measures stand in `metrics/`; the columns are documented in `MEASURES`, in the manner of
-`library/schema.py`. NaN stands for null: there is no such value.
+`library/schema.py`. NaN stands for null: the value does not exist.
 
 A vehicle is in the AV's path if it overlaps the AV sideways, boxes taken as parallel to the road, in any frame before
 the contact. It is level with the AV if its centre is less than half of both lengths together ahead or behind. The

@@ -12,8 +12,8 @@ lanes and accelerations only, so they hold for any AV and any traffic. In this o
    neither had.
 
 A lane change counts while it lasts and for 3 s after; "moved into the path" means that when it began the two did not
-overlap laterally and it went towards the other. A driver who turned back, too late, had moved into the path too. Both
-at once under 3 or 4: the one that began later. Hard braking: -3 m/s2 or less within 3 s.
+overlap laterally and it went towards the other. A driver that turned back too late had moved into the path too. If both
+moved under 3 or 4: the one that began later. Hard braking: -3 m/s2 or less within 3 s.
 """
 
 from __future__ import annotations

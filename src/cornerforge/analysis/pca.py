@@ -31,8 +31,8 @@ class Projection:
 def project(values: NDArray[np.float64], scaling: Scaling) -> Projection:
     """Project cases on the first two principal components of their z-scores.
 
-    A component's sign is arbitrary; here its loading of largest magnitude is positive (the first such feature when
-    several are equal up to rounding), so that pictures of the same data agree. The components are eigenvectors of the
+    A component's sign is arbitrary; here its loading of largest magnitude is positive (the first of them when several
+    are equal up to rounding), so that pictures of the same data agree. The components are eigenvectors of the
     correlation matrix, which is summed block by block: a million cases of 75 features need no second table.
 
     Args:

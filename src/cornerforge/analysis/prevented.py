@@ -69,7 +69,7 @@ class Prevented:
     """Outcome of one crash with a reference driver in the AV's place.
 
     Attributes:
-        prevented: Nobody touches it until the horizon, and from there it can stop.
+        prevented: No vehicle touches it until the horizon, and from there it can stop.
         by_holding: Holding the speed alone is enough, so that no braking has prevented it.
         reacts_s: When it sees danger first, before the contact; negative: after it; None: never.
         least_ttc_s: Least time to collision with a vehicle in front; inf where it never closes in.

@@ -17,8 +17,8 @@ from cornerforge.types import FRAME_S, Scenario
 __all__ = ["AFTERMATH_S", "AV", "BVS", "CAUSES", "NOBODY", "STEERS_M_PER_S", "Reproducer", "Shrunk", "Size", "shrink"]
 
 BVS, AV, NOBODY = CAUSES = ("bvs", "av", "nobody")
-"""Whose driving causes the crash: the BVs', if nothing happens when all BVs drive naturally instead; else the AV's, if
-nothing happens when the AV drives naturally too; else nobody's."""
+"""Cause of the crash. BVS: no crash happens when all BVs drive naturally instead. Else AV: no crash happens when the AV
+drives naturally too. Else NOBODY."""
 
 AFTERMATH_S = 5
 """A start is lost if natural driving from it ends in a crash of the AV within the window or so long after it [s]."""
@@ -89,7 +89,7 @@ class Reproducer:
         ending: How the case ends.
         kind: Crash partner (slot), type code, striker index.
         cause: One of CAUSES; it says which drivers are replaced by natural ones to see whether a start is lost;
-            with NOBODY no start is.
+            with NOBODY no start counts as lost.
 
     Raises:
         InputError: The script does not end in a crash of the AV.
@@ -138,7 +138,7 @@ class Reproducer:
 
     def shows(self, script: Script) -> bool:
         """Say whether a script fulfils all of these conditions."""
-        # Whoever has stopped in the middle of a lane change is settled too; it may stand there for a long time.
+        # A vehicle that stopped in the middle of a lane change is settled too; it may stand there for a long time.
         across = np.abs(script.start["lateral_speed"])
         if self._driver.av_steers:  # it is never exactly parallel to the road
             across[0] = max(across[0] - STEERS_M_PER_S, 0.0)
@@ -174,7 +174,7 @@ def shrink(driver: ScriptDriver, script: Script) -> Shrunk:
             if _equal(before, small):
                 break
             continue
-        # Who is left goes on as it did, or else as is natural without the others: one may do where the other does not.
+        # The remaining vehicles go on as recorded, or naturally without the others: one may work where the other fails.
         small = search.fewest_vehicles(search.named(small))
         small = search.fewest_vehicles(search.naturally(small))
         small = search.naturally(search.latest_start(small))
@@ -279,7 +279,7 @@ def _deviations(scenario: Scenario, chances: NDArray[np.float64]) -> NDArray[np.
 
 
 def _size(scenario: Scenario, chances: NDArray[np.float64] | None) -> Size:
-    """Say how large a case is; without chances, on rails, nobody decides."""
+    """Say how large a case is; without chances, on rails, no vehicle decides."""
     assert scenario.crash is not None  # `Reproducer` has looked
     return Size(
         vehicles=scenario.slot.size,

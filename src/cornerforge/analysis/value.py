@@ -63,7 +63,7 @@ def own_doing_part(
     Args:
         conduct: Did it do something wrong (`analysis.conduct`), shape (S,); it counts 1.
         at_fault: Did it break a rule of RSS, shape (S,); it counts 0.5.
-        prevented: Share of the reference drivers whose braking would have prevented the crash, shape (S,), in [0, 1].
+        prevented: Share of the reference drivers that would have prevented the crash by braking, shape (S,), in [0, 1].
 
     Returns:
         Shape (S,), in [0, 1].
@@ -97,8 +97,8 @@ def novelty_part(points: NDArray[np.float64]) -> NDArray[np.float64]:
         points: The cases in the plane of the analysis, shape (S, 2), finite.
 
     Returns:
-        Shape (S,), in [0, 1]: of the S - 1 others, the share whose distance to their k-th nearest case (k as DBSCAN's
-        `min_samples`) is smaller; 0 for a single case and where all cases are equal.
+        Shape (S,), in [0, 1]: share of the S - 1 others with a smaller distance to their k-th nearest case (k as
+        DBSCAN's `min_samples`); 0 for a single case and where all cases are equal.
 
     >>> novelty_part(np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.1], [0.1, 0.1], [9.0, 9.0]])).tolist()[-1]
     1.0

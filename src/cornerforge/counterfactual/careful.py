@@ -2,9 +2,9 @@
 
 It takes over when the manoeuvre that led to the crash began, holds its speed until it sees danger, and brakes
 (`drivers.careful`) on the path that the AV was on. If the AV was nearing the partner already, the driver is there from
-the begin of that approach: it goes on as the AV did until it sees danger, and reacts from there. The others, the end,
-and what counts are those of the ways out.
-Beside them drives one that only holds its speed: where that is enough, a driver's braking has prevented nothing.
+the begin of that approach: it goes on as the AV did until it sees danger, and reacts from there. The others, the end
+and what counts are as for ways out. One more driver only holds its speed: where that is enough, a driver's braking has
+prevented nothing.
 """
 
 from __future__ import annotations

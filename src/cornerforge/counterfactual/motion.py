@@ -49,7 +49,7 @@ def allocate_rows(rows: int) -> World:
 
 @kernel
 def _retrace(w: World, row: int, frames: NDArray[np.void], frame: int, slot: int, road: RoadNumbers) -> bool:
-    """Find the lateral path that a vehicle is on at a frame: plan all its lane changes up to there anew.
+    """Find the lateral path that a vehicle is on at a frame: plan all its lane changes up to there again.
 
     The lateral part of row `row` of `w` is written; its `change_time` is read. False if the path does not lead along
     the recorded positions: the recording may begin within a lane change, or another simulator may have made it.
@@ -119,7 +119,7 @@ def take_over(
 def change_to(w: World, row: int, lane: int, parts: int, evasive: RoadNumbers) -> None:
     """Let the AV of a row begin to move to the centre of lane `lane` of the road `evasive`.
 
-    An AV that steers, whose lanes are parts of lanes, takes as long as the way there needs at the largest lateral
+    An AV that steers, with lanes that are parts of lanes, takes as long as the way needs at the largest lateral
     acceleration: a path from rest to rest over a way w within T has the peak 10 / sqrt(3) w / T^2.
     """
     if parts > 1:
@@ -135,7 +135,7 @@ def take_over_av(
 ) -> None:
     """Put the AV, as it is at a frame before the last, into a row of `w`, ready for decisions on the road `evasive`.
 
-    An AV that orders lanes goes on along its lane change. One that steers has no such plan: it comes to rest at the
+    An AV that orders lanes goes on along its lane change. One that steers has no lane change: it comes to rest at the
     nearest of its places that is ahead of it across the road.
 
     Args:

@@ -79,7 +79,7 @@ class CarefulParams:
         driver: A name of `CAREFUL`.
 
     Raises:
-        UnknownNameError: There is no such driver.
+        UnknownNameError: The driver is unknown.
     """
 
     driver: str = "cc-human"
@@ -344,7 +344,7 @@ def crashes_at_cut_ins(
         Shape (*d), True where the boxes overlap at a step.
 
     Raises:
-        UnknownNameError: There is no such driver.
+        UnknownNameError: The driver is unknown.
         InputError: A value is negative or not finite, or the shapes do not match.
 
     >>> crashes_at_cut_ins("cc-human", 36.0, 20.0, [40.0, 80.0], 1.0).tolist()

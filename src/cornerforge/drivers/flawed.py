@@ -1,8 +1,8 @@
-"""AVs made bad on purpose, one flaw each: what is said of an AV's crashes can be held against them.
+"""AVs made bad on purpose, one flaw each: statements about an AV's crashes can be checked against them.
 
-Nobody would build them, but each flaw is one that real software had: a threshold of time to collision too small, a gap
-check that looks ahead only, a sensor that sees nothing on one side, a tracker that drops what it has followed for some
-time, a planner that takes back its own decisions, a time gap too short. Without its flaw each is `idm-mobil`.
+Each flaw is one that real software had: a threshold of time to collision too small, a gap check that looks ahead only,
+a sensor that sees nothing on one side, a tracker that drops what it has followed for some time, a planner that takes
+back its own decisions, a time gap too short. Without its flaw each is `idm-mobil`.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ class FlawParams:
     """Flaw of an AV of kind "flawed".
 
     Attributes:
-        flaw: A name of `FLAWS`. "brakes-late": it heeds a vehicle ahead only when it would reach it within 1 s.
-            "not-behind": it looks for nobody behind it when it changes lanes. "not-left": it sees nobody whose centre
-            is more than 1 m to its left. "forgets": it drops a vehicle from its list 2 s after it came within 100 m.
-            "hesitates": when it has left its lane, it returns to it, without looking. "too-close": it overlooks nobody,
-            but its IDM has a short time gap.
+        flaw: A name of `FLAWS`. "brakes-late": it notices a vehicle ahead only when it would reach it within 1 s.
+            "not-behind": it does not look behind when it changes lanes. "not-left": it sees no vehicle with its centre
+            more than 1 m to its left. "forgets": it drops a vehicle from its list 2 s after it came within 100 m.
+            "hesitates": when it has left its lane, it returns to it, without looking. "too-close": it overlooks no
+            vehicle, but its IDM has a short time gap.
 
     Raises:
-        InputError: There is no such flaw.
+        InputError: The flaw is unknown.
     """
 
     flaw: str = "brakes-late"

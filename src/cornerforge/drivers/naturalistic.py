@@ -151,7 +151,7 @@ def _tilted_mean(row: NDArray[np.float32], theta: float) -> float:
 
 @kernel
 def _tilt(free: NDArray[np.float32], pull: float, out: NDArray[np.float32]) -> None:
-    """Fill (21, 25, 31) with the free accelerations of drivers who lack LACK_GRID's speeds (`NddModel.free_pull`).
+    """Fill (21, 25, 31) with the free accelerations of drivers that lack LACK_GRID's speeds (`NddModel.free_pull`).
 
     The tilt is found by halving, within what 32 m/s2 of tilt can do; with the kernels' own exp, so that a model gives
     the same bits everywhere.
@@ -269,7 +269,7 @@ def following_row(speed: float, desired_speed: float, gap: float, range_rate: fl
 
 @inlined_kernel
 def sample_row(cut: NDArray[np.uint32], row: int, word: uint64) -> int:
-    """Draw the acceleration index 0..30 of a row with a random word: the first index whose cut exceeds the word.
+    """Draw the acceleration index 0..30 of a row with a random word: the first index with a cut above the word.
 
     The binary search has no branches, which the processor could not predict: it is four times as fast. The smallest
     index of several rows with one word brakes at least as hard as each row alone.

@@ -33,7 +33,7 @@ __all__ = [
 X, Y, SPEED, LATERAL_SPEED, HEADING, ACCELERATION, LANE = range(7)
 POSE_NUMBERS = LANE + 1
 LATERAL_GAIN = 1.5
-"""How a lateral speed is gained before it is held [m/s2]: that of the public implementation (Mattas et al. 2022)."""
+"""Acceleration to a lateral speed before it is held [m/s2], as in the public implementation (Mattas et al. 2022)."""
 _SLIVER = 1e-9
 _DT = FRAME_S
 

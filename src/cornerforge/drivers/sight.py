@@ -23,7 +23,7 @@ class Sight:
             "centre": it is in the lane of its centre only.
         offset: Distance of the vehicle's centre from the centre of the lane that it leaves, from which on it counts as
             entering the next lane. 0.375 m is the measure of UN R157 for the begin of a cut-in.
-        indicators: By motion, a vehicle whose indicator is on is in its target lane from the begin of its change on.
+        indicators: By motion, a vehicle with its indicator on is in its target lane from the begin of its change on.
         perception_time: The AV sees `offset` passed this much later. 0.4 s is UN R157's time to perceive a risk.
 
     Raises:

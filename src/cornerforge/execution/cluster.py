@@ -1,4 +1,4 @@
-"""Ranges of work on a Ray cluster: the same results, whoever works and whoever dies.
+"""Ranges of work on a Ray cluster: the same results, whichever worker runs or fails.
 
 A range that was lost with its worker or its machine is worked on again by another; that changes no
 result, since a result depends on its range alone. See docs/many-machines.md.

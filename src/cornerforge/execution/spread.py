@@ -39,7 +39,7 @@ def engine(name: str = "threads", *, address: str | None = None, workers: int | 
         workers: Ranges that are worked on at once, 1 to 100,000; None: as many as the cluster has cores.
 
     Raises:
-        UnknownNameError, InputError: There is no such engine, or an address without a cluster engine.
+        UnknownNameError, InputError: The engine is unknown, or there is an address without a cluster engine.
         MissingExtraError: Ray is not installed.
         EngineError: No cluster answers, or one of other versions.
 

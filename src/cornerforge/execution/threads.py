@@ -1,4 +1,4 @@
-"""A pool of threads that yields results in order, and buffers lent to those who work."""
+"""A pool of threads that yields results in order, and buffers for its threads."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def in_threads(
 
 
 class Rooms(Generic[T]):
-    """Buffers for work: each is lent to one thread at a time, made when none is free, and used again.
+    """Buffers for work: one thread at a time uses each; a new one is made when none is free.
 
     Rooms that are sent to another process are empty there.
 
@@ -81,7 +81,7 @@ class Rooms(Generic[T]):
 
     @contextmanager
     def lend(self) -> Iterator[T]:
-        """Lend a buffer for as long as the block runs; after an exception it is not used again."""
+        """Give a buffer to the block while it runs; after an exception the buffer is not used again."""
         try:
             room = self._idle.get_nowait()
         except Empty:

@@ -73,7 +73,7 @@ class Happened:
     """Outcome of a case.
 
     Attributes:
-        frame: Frame (0.1 s) of the contact, counted from the start; None: the AV touched nobody.
+        frame: Frame (0.1 s) of the contact, counted from the start; None: the AV touched no vehicle.
         partner: Slot of the other vehicle; None without contact.
         pose: [x m, y m, speed m/s, heading rad] of the AV and the other in the frame of contact, float64 (2, 4); None
             without contact.
@@ -106,7 +106,7 @@ class CaseFile:
         licence: What may be done with it.
         facts: What else is known.
         notes: What could not be carried over.
-        made_by: Who wrote the file; "" for the cornerforge that writes it.
+        made_by: Program that wrote the file; "" for the cornerforge that writes it.
     """
 
     name: str

@@ -47,9 +47,9 @@ class OutCase:
     Attributes:
         name: Stem of its files: letters, digits, - and _.
         scenario: Its motion, the AV in column 0, up to the contact or to its end.
-        facts: What else is known of it, for the file's metadata, in this order: who made it with what (versions,
-            hashes, AV, model and its licence note), how likely and how frequent it is, who would have prevented it.
-            Names end in their unit. None: not known.
+        facts: What else is known of it, for the file's metadata, in this order: its origin (versions, hashes, AV, model
+            and its licence note), how likely and how frequent it is, which drivers would have prevented it. Names end
+            in their unit. None: not known.
     """
 
     name: str
@@ -59,7 +59,7 @@ class OutCase:
 
 @dataclass(frozen=True)
 class MovingCase:
-    """Motion on a straight road, as readers give it: who was where at every tenth of a second.
+    """Motion on a straight road, as readers give it: the place of each vehicle at every tenth of a second.
 
     Attributes:
         name: What it is called: letters, digits, - and _.
@@ -68,7 +68,7 @@ class MovingCase:
         length, width: Size of each vehicle [m], (N,).
         poses: Where each is at each frame, float64 (F, N, POSE_NUMBERS) (`drivers.rails`: box centre, x along the road,
             y from its right edge to the left); NaN where it is absent. The AV is there from the first frame on, as
-            recorded, or in the first frame only, if nobody knows what it did.
+            recorded, or in the first frame only, if its motion is unknown.
         facts: What is known of it besides, and its source.
         notes: What could not be carried over, each with the place in the source ("line 12: ..."); empty: nothing.
         called: What the source calls each vehicle, such as "BV22" or "obstacle 104"; empty: nothing.
@@ -94,7 +94,7 @@ def safe_name(text: str, default: str = "case") -> str:
     """Make a name for a case of any text: letters, digits, - and _, a letter or digit first, at most 80 of them.
 
     Args:
-        text: What somebody else calls it.
+        text: Name that others gave it.
         default: What it is called if nothing is left of that.
 
     >>> safe_name("_cut in/left (1)"), safe_name("\u00e9")
@@ -185,8 +185,8 @@ def straight_road(
         name: Name of the ODD.
 
     Raises:
-        InputError: The simulator has no such road: more than 6 lanes, lanes below 2.5 m or above 6 m, more than 200
-            vehicles, speeds above 80 m/s, a size that no vehicle has, or more than 100 km.
+        InputError: The simulator does not have the road: more than 6 lanes, lanes below 2.5 m or above 6 m, more than
+            200 vehicles, speeds above 80 m/s, a size that no vehicle has, or more than 100 km.
     """
     if not 1 <= lanes <= MAX_LANES:
         raise InputError(f"The road has {lanes} lanes; roads of 1 to {MAX_LANES} lanes can be driven.")
@@ -278,7 +278,7 @@ def _to_its_lane(pose: NDArray[np.float64], odd: Odd) -> dict[str, float]:
 
 
 def _prolonged(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Let all who are there at the end go straight on, to the next whole second and for some more."""
+    """Let all vehicles present at the end go straight on, to the next whole second and for some more."""
     frames = len(poses)
     wanted = SUBSTEPS * (math.ceil((frames - 1) / SUBSTEPS) + _AFTER_S) + 1
     longer = np.full((wanted, *poses.shape[1:]), np.nan)

@@ -25,7 +25,7 @@ SECONDS = 10.0
 MEGABYTES = 512
 """Most memory that DuckDB may use for it."""
 _GRACE_S = 1.0
-"""So much later the process ends by itself [s], should nobody be there who stops it."""
+"""Time beyond the deadline after which the process ends by itself if no other has stopped it [s]."""
 _STOPPED = "The query was stopped, because what answers it is ending."
 _LONGEST = 500
 """Most characters of a message that come from the statement."""
@@ -142,7 +142,7 @@ class Asker:
                 f'A query is one SELECT statement over the table "cases"; this is not: {sql.strip()[:_LONGEST]!r}.'
             )
         if kind == "memory":
-            self._end()  # what it holds is not given back
+            self._end()  # its memory is not freed
             raise InputError(self._big())
         if kind == "error":
             raise InputError(f"The query cannot be answered: {told[0][:_LONGEST]}")
@@ -188,6 +188,6 @@ class Asker:
 def run_sql(
     cases: pa.Table, sql: str, *, seconds: float = SECONDS, megabytes: int = MEGABYTES
 ) -> tuple[list[str], list[tuple[Any, ...]]]:
-    """Answer one statement over the table `cases`; see `Asker`, whose arguments, results and errors these are."""
+    """Answer one statement over the table `cases`, with the arguments, results and errors of `Asker`."""
     with Asker(cases, seconds=seconds, megabytes=megabytes) as asker:
         return asker.ask(sql)

@@ -94,7 +94,7 @@ def extra_kinds(record: CaseRecord) -> dict[str, str]:
     """Types of a record's own columns: name to a key of `EXTRA_TYPES`.
 
     Raises:
-        InputError: A value is of no such type.
+        InputError: A value has another type.
     """
     kinds = {}
     for name, value in record.extra.items():

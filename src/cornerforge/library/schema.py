@@ -44,8 +44,8 @@ seed. 2: cases may be scripted. 3: their other vehicles may be on rails. A libra
 it, so one of tests still has 1."""
 
 SCRIPTED = "scripted"
-"""Key, with the value true, in the identity of a library whose cases are all scripted: their start and actions are
-stored in their tracks, not drawn from their seed."""
+"""Key, with the value true, in the identity of a library of scripted cases only: their start and actions are stored in
+their tracks, not drawn from their seed."""
 
 SCRIPTED_TRACKS: tuple[Field, ...] = (
     *TRACKS,
@@ -58,7 +58,7 @@ SCRIPTED_TRACKS: tuple[Field, ...] = (
 """Columns of the tracks file of a library of scripted cases. Stored: all vehicles; `action` is the script."""
 
 ON_RAILS = "on_rails"
-"""Key, with the value true, in the identity of a library of scripted cases whose other vehicles are on rails."""
+"""Key, with the value true, in the identity of a library of scripted cases with the other vehicles on rails."""
 
 RAILS_TRACKS: tuple[Field, ...] = (
     *SCRIPTED_TRACKS,
@@ -69,7 +69,7 @@ RAILS_TRACKS: tuple[Field, ...] = (
         "absent.", (-1e6, 1e6), nan=True,
     ),
 )  # fmt: skip
-"""Columns of the tracks file of a library whose cases are on rails; `action` moves nobody there."""
+"""Columns of the tracks file of a library of cases on rails; `action` has no effect there."""
 
 _EXTRA = {"bool": "bool", "int": "int64", "float": "float64", "str": "string"}
 EXTRA_TYPES: dict[str, pa.DataType] = {name: arrow_type(kind) for name, kind in _EXTRA.items()}
@@ -81,7 +81,7 @@ AV_SIZES: tuple[Field, ...] = (
     Field("av_length_m", "float64", "m", "Length of the AV of the case.", SIZES),
     Field("av_width_m", "float64", "m", "Width of the AV of the case.", SIZES),
 )
-"""Own columns of libraries whose AVs are not as large as the ODD's cars."""
+"""Own columns of libraries with AVs that are not as large as the ODD's cars."""
 
 
 @dataclass(frozen=True, kw_only=True)

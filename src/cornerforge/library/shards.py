@@ -284,7 +284,7 @@ class ShardReader:
 
     @contextmanager
     def _parsing(self, file: StoredFile) -> Iterator[None]:
-        """Name the file that Arrow cannot read, although its bytes are those that were written."""
+        """Name the file that Arrow cannot read, although its bytes are unchanged."""
         try:
             yield
         except FileFormatError:

@@ -4,8 +4,8 @@ Run as a file, so that it starts at once: it imports DuckDB, Arrow and the stand
 it gets a table, then statements; it writes that it is ready, then an answer to each. Its memory is limited twice: by
 DuckDB itself, and by the operating system, since some of DuckDB's functions do not count theirs. The operating system
 lets it write no byte into a file, though it could still make an empty one: that is left to DuckDB, which is told to
-open none. It ends when who asked was killed and can stop it no more: at once where nobody holds the other end of its
-standard input, and at its own deadline, which the operating system keeps, in any case.
+open none. It ends by itself if the asking process was killed: at once when the other end of its standard input closes,
+and in any case at its own deadline, which the operating system keeps.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ __all__ = ["main", "read_message", "write_message"]
 
 _HEADER = struct.Struct("<Q")
 _ANSWER = 2**18
-"""Bytes of an answer for each megabyte of memory, a quarter: who asked holds it too."""
+"""Bytes of an answer for each megabyte of memory, a quarter: the asking process holds it too."""
 
 
 def read_message(stream: IO[bytes]) -> bytes | None:
@@ -70,10 +70,10 @@ def _due(seconds: float) -> None:
 
 
 def _end_with_who_asks() -> None:
-    """End the process when nobody can write to its standard input any more; DuckDB works on beside this thread."""
+    """End the process when its standard input is closed; DuckDB works on beside this thread."""
     if hasattr(select, "poll"):
         left = select.poll()
-        left.register(sys.stdin.fileno(), 0)  # 0: told of the end only, not of statements
+        left.register(sys.stdin.fileno(), 0)  # 0: notices the end only, not statements
         left.poll()
         os._exit(1)
 

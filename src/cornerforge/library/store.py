@@ -415,7 +415,7 @@ class CaseLibrary:
             columns: Names from `schema.CASES` or the caller's own; None: all but the history.
 
         Raises:
-            UnknownNameError: There is no such column.
+            UnknownNameError: No column has this name.
         """
         schema = arrow_schema(CASES, self._manifest.extra)
         if columns is None:
@@ -489,7 +489,7 @@ class CaseLibrary:
         """Read one case with its trajectories.
 
         Raises:
-            UnknownCaseError: There is no such case; the nearest are suggested.
+            UnknownCaseError: No case has this id; the nearest are suggested.
             FileFormatError: It lies in a damaged shard.
         """
         shard = self._shard_of(case_id)

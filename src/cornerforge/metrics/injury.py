@@ -2,9 +2,9 @@
 
 The curves are logistic in delta-v, one per crash mode: P = 1 / (1 + exp(-(a + b delta-v))), delta-v in miles per hour.
 
-Frontal and rear: a and b are those of Wang (2022), "MAIS(05/08) injury probability curves as functions of delta V",
-NHTSA, DOT HS 813 219, for MAIS 3+ in the crashes of NASS-CDS 2010-2015, as later users of the report give them (they
-name its tables A-6 and A-9). We did not have the report itself: compare with it before you rely on them.
+Frontal and rear: a and b are from Wang (2022), "MAIS(05/08) injury probability curves as functions of delta V", NHTSA,
+DOT HS 813 219, for MAIS 3+ in the crashes of NASS-CDS 2010-2015, as later users of the report give them (they name its
+tables A-6 and A-9). We did not have the report itself: compare with it before you rely on them.
 
 Near and far side: that report has no curve for side impacts. Ours begin where its frontal curve does, because an impact
 of size 0 has no direction, and are steeper, so that the odds ratio between the modes at 30 mph is that of Augenstein et
@@ -58,7 +58,7 @@ def crash_mode(force_direction: ArrayLike) -> NDArray[np.int8]:
 
     Returns:
         Indices into `CRASH_MODES`, int8, shape (*d). Up to 45 degrees from ahead (11 to 1 o'clock) is frontal, up to
-        45 degrees from behind is rear, the left is the near side of a driver who sits on the left.
+        45 degrees from behind is rear, the left is the near side of a driver on the left seat.
 
     Raises:
         InputError: A value is NaN.

@@ -1,8 +1,8 @@
 """Safe distances of responsibility-sensitive safety, RSS, for vehicles that drive in the same direction.
 
-Definitions and lemmas are those of Shalev-Shwartz, Shammah and Shashua, "On a formal model of safe and scalable
-self-driving cars", arXiv:1708.06374; the lateral one gives what the open library ad-rss-lib expects in its own tests,
-but for one case that `rss_lateral` names. `drivers.rss.rss_distance` is the longitudinal one as a compiled kernel.
+Definitions and lemmas follow Shalev-Shwartz, Shammah and Shashua, "On a formal model of safe and scalable self-driving
+cars", arXiv:1708.06374; the lateral one gives what the open library ad-rss-lib expects in its own tests, but for one
+case that `rss_lateral` names. `drivers.rss.rss_distance` is the longitudinal one as a compiled kernel.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def rss_lateral(
 
     Args:
         towards_a: Lateral speed of one vehicle towards the other [m/s], shape (*d); negative: away from it.
-        towards_b: Lateral speed of the other towards the one [m/s], shape (*d); likewise.
+        towards_b: Lateral speed of the other towards the first [m/s], shape (*d); negative: away from it.
         response_time_a, response_time_b: [s], not negative.
         acceleration: Lateral [m/s2], not negative.
         braking: Lateral [m/s2], positive.

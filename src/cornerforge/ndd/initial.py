@@ -169,7 +169,7 @@ def accepted_share(
 
     Args:
         initial: The law.
-        speeds: Of the vehicle whose neighbour is drawn [m/s], (n,).
+        speeds: Speeds of the vehicle for which a neighbour is drawn [m/s], (n,).
         mean: The mean speed of the lane's traffic [m/s].
         ahead: The neighbour is ahead of it; else behind.
         factor: The follower's time gap in parts of a car's (`types.RoadUser.time_gap`).

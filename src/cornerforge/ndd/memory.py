@@ -113,7 +113,7 @@ def reflected(u: float) -> float:
 
 @inlined_kernel
 def word_at(u: float) -> uint64:
-    """Find the random word of a quantile u, 0 to 1; that of `uniform(word)` is the word itself."""
+    """Find the random word of a quantile u, 0 to 1; `uniform(word)` gives the word itself."""
     return np.uint64(min(np.int64(u * 4294967296.0), _LAST_WORD))
 
 
@@ -174,7 +174,7 @@ def away_chance(before: int, inattention: float, memory: MemoryNumbers) -> float
 
 @inlined_kernel
 def away_draw(first: uint64, second: uint64) -> float:
-    """Make a number in (0, 1) of the low halves of two random words whose high halves serve something else."""
+    """Make a number in (0, 1) of the low halves of two random words; their high halves serve something else."""
     return uniform((first & _LOW_HALF) | ((second & _LOW_HALF) << _HALF))
 
 
@@ -204,7 +204,7 @@ def remembered_share(u: float, before: float, habit: float, memory: MemoryNumber
 def given_the_past(
     p: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64], memory: MemoryNumbers
 ) -> None:
-    """Turn probabilities over all drivers into those of drivers whose last acceleration is known to its bin.
+    """Turn probabilities over all drivers into probabilities given the bin of the last acceleration.
 
     The quantile was uniform within its bin. The habit is not known, so its part stays that over all drivers.
 

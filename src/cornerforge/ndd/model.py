@@ -52,7 +52,7 @@ _UNSAID = {
     "noise_spread": 0.0,
     "vigilance_sigma": 0.0,
 }
-"""What files meant that do not say it; those of version 1 had no `memory`, `free_pull` and `lc_turn_back` either."""
+"""Values for keys that a file lacks; files of version 1 have no `memory`, `free_pull` and `lc_turn_back` either."""
 SPEEDS: NDArray[np.float64] = SPEED_GRID.points()
 """Subject speed grid [m/s], shape (21,)."""
 GAPS: NDArray[np.float64] = GAP_GRID.points()
@@ -65,15 +65,15 @@ RANGE_RATES: NDArray[np.float64] = RANGE_RATE_GRID.points()
 class NddModel:
     """P(action | state) of human drivers: lateral decision first, then acceleration (paper; Feng et al. 2021).
 
-    P(left) = lc_base[v] * lc_desire[gap, rr] * accept(adjacent lead) * accept(adjacent rear), likewise P(right).
-    With no leader within the grid the desire is `lc_desire_free`; a neighbour beyond the grid, or none, is accepted
-    with 1. With probability `overlook` a driver does not see an adjacent neighbour (accept = 1 for it); with chance
-    `overlook_conflict` it does not see that another vehicle enters the same lane from the other side. Attentive
+    P(left) = lc_base[v] * lc_desire[gap, rr] * accept(adjacent lead) * accept(adjacent rear), and P(right) in the same
+    way. With no leader within the grid the desire is `lc_desire_free`; a neighbour beyond the grid, or none, is
+    accepted with 1. With probability `overlook` a driver does not see an adjacent neighbour (accept = 1 for it); with
+    chance `overlook_conflict` it does not see that another vehicle enters the same lane from the other side. Attentive
     acceptance may be exactly 0.
 
     Attributes:
         following: P(acceleration), float32 (21, 116, 19, 31); rows sum to 1; exact 0 is "impossible".
-        free: The same with no leader within 115 m, over all drivers who drive at a speed, float32 (21, 31).
+        free: The same with no leader within 115 m, over all drivers at a speed, float32 (21, 31).
         free_pull: Mean acceleration of a free driver, above that of all drivers at its speed, per m/s that it lacks to
             its own desired speed [1/s]; 0: drivers have none. Its row is that of all drivers, tilted:
             p(a) exp(theta a), normalised, so impossible stays impossible.

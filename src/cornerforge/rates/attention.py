@@ -35,7 +35,7 @@ __all__ = ["LOOK_BACK_S", "RARE_ACTION", "ActionChances", "Oversight", "action_c
 RARE_ACTION = 1e-3
 """An action with a smaller chance under the attentive model counts as rare."""
 LOOK_BACK_S = 5.0
-"""Time before a crash [s] whose decisions are judged; a lane change of the default ODD takes 4 s."""
+"""Time before a crash in which decisions are judged [s]; a lane change of the default ODD takes 4 s."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,8 @@ class ActionChances:
 
     Attributes:
         action: Index of the action, shape (K,); -1 where the vehicle is absent.
-        attentive: Its chance under the attentive model (nobody looks away or is overlooked, neither a neighbour nor one
-            that starts into the same lane at the same moment), shape (K,); NaN where absent.
+        attentive: Its chance under the attentive model (no driver looks away, and no vehicle is overlooked, neither a
+            neighbour nor one that starts into the same lane at the same moment), shape (K,); NaN where absent.
         actual: Its chance under the model as it is, shape (K,); NaN where absent.
         looks: The chance that its driver looked at the road in that second, before its action is known, shape (K,).
         away: Its driver looked away in that second, shape (K,).
@@ -101,7 +101,7 @@ def action_chances(
         step: Advances the world when the AV decides outside the kernels; None for `sim.advance`.
 
     Raises:
-        InputError: The run has an adversary, BVs that follow the IDM, or there is no such BV.
+        InputError: The run has an adversary, BVs that follow the IDM, or the BV does not exist.
     """
     check_integer("seed", seed, low=0, high=2**63 - 1)
     check_integer("test", test, low=0, high=2**62)

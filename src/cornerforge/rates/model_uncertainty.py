@@ -2,9 +2,9 @@
 
 A drawn model's rate is r = exp(mu + tau z), z standard normal, and what was found of it are k crashes (or effective
 trees, which tell as much) in an exposure e: Poisson with mean e r. tau has the greatest likelihood over all draws, its
-interval is that of the profile likelihood. With it the interval of a rate is widened. Models whose traffic crashes much
-more or less often than people do count for less (`traffic_weights`). (A Poisson-log-normal model:
-Aitchison and Ho 1989, doi:10.1093/biomet/76.4.643; integrals by adaptive Gauss-Hermite quadrature: Liu and Pierce 1994,
+interval comes from the profile likelihood. With it the interval of a rate is widened. Models with traffic that crashes
+much more or less often than people do count for less (`traffic_weights`). (A Poisson-log-normal model: Aitchison and Ho
+1989, doi:10.1093/biomet/76.4.643; integrals by adaptive Gauss-Hermite quadrature: Liu and Pierce 1994,
 doi:10.1093/biomet/81.3.624.) Rates are taken as weights' means by `effective_counts`.
 """
 

@@ -89,7 +89,7 @@ def drive_blocks(
 ) -> Generator[Block, None, None]:
     """Drive tests `first` .. `first` + `tests` - 1 of a seed, and yield them block by block; the last may be smaller.
 
-    Nobody waits at the end of a block: the next one's tests are driven while this one's are added up.
+    No thread waits at the end of a block: the next block's tests are driven while this block's are added up.
 
     Args:
         setting, slots: The run and its vehicle slots per world.

@@ -36,7 +36,7 @@ class _Rates:
         self._miles = odd.test_length / METRES_PER_MILE
 
     def of(self, weights: NDArray[np.float64], largest: float | None = None) -> NaturalKind:
-        """Give the rate of some cases, with their weights; `largest`: of any such case, None: of any of the library."""
+        """Give the rate of some cases, with their weights; `largest`: largest weight possible, None: the library's."""
         rate = float(weights.sum())
         low, high = weighted_interval(weights, self._largest if largest is None else largest)
         return NaturalKind(

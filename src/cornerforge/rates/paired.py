@@ -17,9 +17,9 @@ from cornerforge._checks import check_integer, check_number
 __all__ = ["ALPHA", "BETA", "RATIO", "Verdict", "difference_interval", "sequential_verdict"]
 
 ALPHA = 0.05
-"""Most of all comparisons of equally good AVs that end in "better" or "worse"."""
+"""Largest share of comparisons of equally good AVs that end in "better" or "worse"."""
 BETA = 0.1
-"""Most of all comparisons of AVs whose discordant tests differ by RATIO or more that end in "alike"."""
+"""Largest share of comparisons that end in "alike" although the AVs' discordant tests differ by RATIO or more."""
 RATIO = 2.0
 
 

@@ -44,7 +44,7 @@ ASKED = "asked for"
 
 
 class _Keeper:
-    """Keeper of crashes: in a library if there is a folder, else only what the tables need.
+    """Crashes that are kept: in a library if there is a folder, else only what the tables need.
 
     Args:
         run, seed: The experiment and seed of the tests.

@@ -3,8 +3,8 @@
 First a network is taught what is dangerous for this AV (`rates.teaching`), then tests branch into trees by it until
 the interval is narrow enough (`rates.branching`), or tests are drawn from proposals by it; a test that is drawn so is a
 tree of one branch, and all here is the same for both. The output folder holds `taught.npz` and `trees/`, one file for
-each block of trees; at the end `weighted/` is made (anew, if it is there), a library of crashes picked by weight:
-nearly a sample of what happens.
+each block of trees; at the end `weighted/` is made (again, if it exists), a library of crashes picked by weight: nearly
+a sample of what happens.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ class Splitting:
     # Teaching and driving
 
     def start(self) -> None:
-        """Teach a network, or take up what the folder holds."""
+        """Teach a network, or continue with the content of the folder."""
         from cornerforge.rates.teaching import plan_of, tilted_plan_of  # needs the extra "learn"
 
         place = None if self._out is None else self._out / "taught.npz"
@@ -359,7 +359,7 @@ class Splitting:
         return picked
 
     def _store(self, place: Path, records: list[CaseRecord]) -> None:
-        """Write the library anew: with more trees other crashes are picked."""
+        """Write the library again: with more trees other crashes are picked."""
         remove_folder(place)
         seed = self._tree_seed
         identity = {**self._run.identity(seed), SCRIPTED: True, "cornerforge": version(), "code": code_hash()}

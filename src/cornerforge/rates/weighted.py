@@ -1,9 +1,9 @@
 """Rates as means of weights: interval, precision, and whether the weights can be trusted.
 
-A tree of tests gives a number whose mean is the crash rate; most are 0, few are large. Such means are skewed: most are
-a little too low, few far too high. So intervals reach further up than down (Hall 1992, "On the removal of skewness by
-transformation"). While only few trees carry the sum, even they are too narrow, since what is missing sits in rare heavy
-trees. So a rate is given only if enough trees carry it.
+The mean over trees of tests is the crash rate; most trees give 0, few give much. Means of this kind are skewed: most
+are a little too low, few far too high. So intervals reach further up than down (Hall 1992, "On the removal of skewness
+by transformation"). While only few trees carry the sum, even they are too narrow, since what is missing sits in rare
+heavy trees. So a rate is given only if enough trees carry it.
 """
 
 from __future__ import annotations

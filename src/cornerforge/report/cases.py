@@ -71,7 +71,7 @@ def case_data(
         way_out: How the AV could have avoided the crash; None if no way is known.
         first: First frame that is shown; None: that of the last `SHOWN_S`.
         partner: Slot of the vehicle of which `ttc` and `ttcPlane` tell, and which is always shown, where the AV crashed
-            with none; None: no such vehicle.
+            with none; None: no vehicle.
     """
     n_frames = len(scenario.x)
     if first is None:

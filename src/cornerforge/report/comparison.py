@@ -189,7 +189,7 @@ def _pair_data(pair: Pair) -> dict[str, Any]:
 
 
 def _side(case: str, scenario: Scenario, first: int, partner: int | None) -> dict[str, Any]:
-    """One version's recording. Who touches the AV in the other one has its colour here too; nobody is controlled."""
+    """One version's recording, with the other version's crash partner in its colour and no controlled vehicle."""
     data = case_data(case, scenario, first=first)
     slots = [vehicle["slot"] for vehicle in data["vehicles"]]
     if data["partner"] < 0:

@@ -228,7 +228,7 @@ def exposure_figure(histogram: Exposed) -> Figure:
 
 
 def density(histogram: Exposed, counts: Sequence[int]) -> NDArray[np.float64]:
-    """Counts as a density [1 / unit] whose area is 1; zeros where nothing was counted. Shape (n,)."""
+    """Counts as a density [1 / unit] with area 1; zeros where nothing was counted. Shape (n,)."""
     return np.asarray(np.array(counts) / (max(float(sum(counts)), 1.0) * np.diff(histogram.edges)))
 
 

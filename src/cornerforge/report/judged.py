@@ -33,7 +33,7 @@ __all__ = [
 
 
 FAULT_WORDS = dict(zip(FAULTS, ("the AV", "the other", "both", "nobody"), strict=True))
-"""Who is at fault, by names for people."""
+"""Vehicle at fault, by names for people."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def kind_counts(found: Coverage) -> NDArray[np.int64]:
 
 
 def faults_in_words(found: Analysed) -> dict[str, int]:
-    """Cases by who is at fault, zeros included, by names for people."""
+    """Cases by vehicle at fault, zeros included, by names for people."""
     return {name: found.fault.get(who, 0) for who, name in FAULT_WORDS.items()}
 
 

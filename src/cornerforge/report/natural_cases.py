@@ -34,7 +34,7 @@ class NaturalCases:
 
     @property
     def judged(self) -> NDArray[np.bool_]:
-        """Anybody asked what would have prevented it, shape (S,)."""
+        """Mark the cases that were judged for prevention, bool (S,)."""
         return np.not_equal(self.prevention, PREVENTION[3])
 
     def first(self) -> tuple[FirstCase, bool] | None:

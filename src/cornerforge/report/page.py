@@ -113,7 +113,7 @@ def _plotly_script() -> str:
 
 
 NATURAL = "natural/"
-"""Begins the names of natural cases on the page, so that they are not taken for those of the adversary."""
+"""Beginning of the names of natural cases on the page; the adversary's cases have none."""
 
 
 @dataclass(frozen=True)
@@ -165,8 +165,8 @@ def _watch_first(shelf: _Shelf, look: Look | None) -> None:
 def _cases(artefacts: Artefacts, look: Look | None) -> tuple[list[dict[str, Any]], list[str]]:
     """The natural, top, typical and rare cases that fit on the page, in reading order, and notes on those that do not.
 
-    The most telling come first, should room run out: natural ones, the top, the best typical case of each cluster, the
-    rare, the others.
+    The most important come first, in case room runs out: natural ones, the top, the best typical case of each cluster,
+    the rare, the others.
     """
     kept: dict[str, dict[str, Any]] = {}
     lost, left, size, shown = [], [], 0, []
@@ -183,7 +183,7 @@ def _cases(artefacts: Artefacts, look: Look | None) -> tuple[list[dict[str, Any]
             role, kind = shelf.roles[case_id], shelf.crash_type.get(case_id, "")
             data |= {"watchFirst": False} | role | {"type": text.plain(kind), "title": _title(scenario, kind)}
             data["verdict"] = text.plain(verdict(known)) if known else ""
-            if shelf.is_natural:  # nobody is controlled
+            if shelf.is_natural:  # no vehicle is controlled
                 data |= {"critical": [], "action": [], "p_nde": []}
             size += len(json.dumps(data, separators=(",", ":")))
             if size > CASE_BYTES and kept:

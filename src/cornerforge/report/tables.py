@@ -169,7 +169,7 @@ def share_table(caption: str, kind: str, counts: dict[str, int], cases: int) -> 
 
 
 def reaction_table(found: Judges) -> Table:
-    """Share of cases that could have been prevented, by who drives and how fast it reacts."""
+    """Share of cases that could have been prevented, by driver and reaction time."""
     head = ["who drives", *(f"{one.reaction_s:g} s" for one in found.avoidable)]
     each = {"the AV, on its last way out": found.avoidable, **found.prevented}
     rows = [

@@ -9,7 +9,7 @@ __all__ = ["verdict"]
 
 
 def verdict(known: CaseJudgement) -> str:
-    """Say whose fault a case was, and whether the AV could have avoided it."""
+    """Say which vehicle was at fault in a case, and whether the AV could have avoided it."""
     if known.fault == "none":
         fault = "No rule of RSS was broken"
     else:

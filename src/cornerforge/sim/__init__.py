@@ -1,8 +1,8 @@
 """The simulator: one AV and many background vehicles (BVs) on a straight highway, in compiled kernels.
 
 One function moves everything: `advance(world, setting, scratch, keep, until)`. This file is the door: other packages
-of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs of others may rely on those of
-`FOR_PROGRAMS` (`tests/public_api.txt`); the others may change without a word. What the names are for:
+of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs of others may rely on the names of
+`FOR_PROGRAMS` (`tests/public_api.txt`); the rest may change at any time. What the names are for:
 
 - *State*. A `World` is all that the future of one test depends on. `reset_world` puts it at the start of a test, which
   (seed, test) and the setting determine; `RUNNING`, `AV_CRASH`, ... say how it stands. `copy_of`, `branch_of`, `packed`
@@ -11,7 +11,7 @@ of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs
   drives the AV (`BUILT_IN`, `OUTSIDE`, `STEERED`), the critical BV, which is the one nearest to the AV (`ADVERSARIES`,
   `TOLD`), and the other BVs (`NATURALISTIC`, `IDM_BVS`, `RAILS`: they move as they are told).
 - *Advance*. `advance` is the one loop. It returns when the test is over (`OVER`), when `until` seconds have passed
-  (`MILESTONE`), or when somebody outside must answer (`AV_MUST_ANSWER`, `BV_MUST_ANSWER`); the answer goes into the
+  (`MILESTONE`), or when a program outside must answer (`AV_MUST_ANSWER`, `BV_MUST_ANSWER`); the answer goes into the
   world, and the next `advance` goes on from there. `Scratch` is memory to work in; nothing in it outlives a call.
 - *Drive*: thin callers of the loop. `simulate` drives ranges of tests in threads; `ScriptDriver` drives given starts
   and actions; `lockstep` (a module) is for AVs in other processes.
@@ -19,9 +19,8 @@ of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs
   `Recorder` gives one test in full, `harvest_range` and `case_of` make cases.
 - *Views*: sizes and versions of what is seen, by the adversary (`N_OBSERVATION`) and by an AV (`VIEW_ROWS`,
   `N_AV_FEATURES`; `av_scene`, a module).
-- *Parts* of a second, for kernels of other rooms: the chance of each action, what the AV would do, who is next to
-  whom, motion (`bicycle`, a module, of an AV that steers), and random words that are held to a part (`steering`, a
-  module).
+- *Parts* of a second, for kernels of other rooms: the chance of each action, what the AV would do, neighbours, motion
+  (`bicycle`, a module, of an AV that steers), and random words that are held to a part (`steering`, a module).
 
 Worlds to learn in are in `adversary.worlds`, weighted tests in `rates.branching`, questions about recorded crashes in
 `counterfactual`.

@@ -70,7 +70,8 @@ def hold(v: NDArray[np.void], i: int, acceleration: float, road: RoadNumbers) ->
     """Let vehicle i go to an acceleration [m/s2] from now on, at the ODD's jerk, and hold it.
 
     A ramp that is over within a substep, away from the limits of speed, is put into the place and the speed that the
-    held acceleration would have begun with: from the ramp's end on the motion is the same, and nobody looks before.
+    held acceleration would have begun with: from the ramp's end on the motion is the same, and nothing reads it
+    earlier.
     """
     v[i].commanded = acceleration
     if road.ramp_time == 0.0:
@@ -110,7 +111,7 @@ def ordered_lane(w: World, i: int, side: int, road: RoadNumbers) -> int:
 
 @inlined_kernel
 def nearest_action(acceleration: float) -> int:
-    """Index of the action whose acceleration is nearest to a wish [m/s2]; of two equally near the larger."""
+    """Index of the action with the acceleration nearest to a wish [m/s2]; of two equally near the larger."""
     place = math.floor((acceleration - _HARDEST) * _PLACES_PER_MPS2 + 0.5)
     return FIRST_ACCELERATION + max(0, min(N_ACCELERATIONS - 1, place))
 

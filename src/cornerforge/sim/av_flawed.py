@@ -1,4 +1,4 @@
-"""The law of AVs made bad on purpose (`drivers.flawed`): IDM and MOBIL that overlook somebody, or change their mind."""
+"""The law of AVs made bad on purpose (`drivers.flawed`): IDM and MOBIL that overlook vehicles or change their mind."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 __all__ = ["flawed"]
 
 LATE_TTC = 1.0
-"""Time to collision [s] at which the AV that brakes late notices a vehicle ahead, which it then heeds."""
+"""Time to collision [s] at which the AV that brakes late notices a vehicle ahead."""
 LEFT = 1.0
-"""An AV that does not see one side sees nobody whose centre is further to its left than this [m]."""
+"""An AV that does not see one side sees no vehicle with its centre further to its left than this [m]."""
 REMEMBERS = 2.0
 """How long the forgetful AV knows of a vehicle that has come within `NOTICES` [s]."""
 NOTICES = 100.0
-"""Distance along the road, ahead or behind, within which the AV knows of anybody [m]."""
+"""Distance along the road, ahead or behind, within which the AV knows of other vehicles [m]."""
 BEYOND = 1.3
 """How far beyond the line its centre is when the hesitating AV turns back [m]: its body has left the old lane."""
 _SIDES = (1, -1)
@@ -70,7 +70,7 @@ def _overlooks(w: World, j: int, now: int, av: AvNumbers) -> bool:
 
 @kernel
 def _gaps(w: World, lane: int, now: int, road: RoadNumbers, av: AvNumbers) -> tuple[float, float, float, float]:
-    """Find gap [m] and speed [m/s] of who the AV knows of in a lane, ahead then behind; for none +inf and its own."""
+    """Find gap [m] and speed [m/s] of the known vehicles ahead and behind in a lane; for none +inf and its own."""
     v = w.vehicles
     speed = v[0].speed
     lead_gap, lead_speed, rear_gap, rear_speed = np.inf, speed, np.inf, speed

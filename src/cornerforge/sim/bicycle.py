@@ -65,7 +65,7 @@ class Motion(NamedTuple):
     Attributes:
         ahead, y, heading: Pose of its box's centre: along the road from anywhere [m], across it [m], [rad].
         speed: Of its rear axle, where it points [m/s], in [0, max_speed].
-        acceleration: Likewise [m/s2].
+        acceleration: Of the rear axle too [m/s2].
         curvature: Of its way now, to the left positive [1/m].
     """
 

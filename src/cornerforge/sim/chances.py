@@ -59,8 +59,8 @@ __all__ = [
 ]
 
 ALONE = -1
-"""Instead of the AV's lane: nobody else starts into a lane at this moment. Where conflicts may be overlooked, and
-not everybody wants to change lanes, the same actions are possible as with others, and it takes less time."""
+"""Instead of the AV's lane: no other vehicle starts into a lane at this moment. Where conflicts may be overlooked and
+not all want to change lanes, the same actions are possible, in less time."""
 MAX_STARTERS = 32
 """Largest number of vehicles: a driver and the vehicles that may make it wait; see `StarterScratch.left_out`."""
 MAX_SETS = 256
@@ -217,11 +217,11 @@ def _row_behind(v: NDArray[np.void], i: int, lead: int, rounding: float) -> int:
 def remember_action(
     w: World, i: int, action: int, word: uint64, rounding: float, away: float, road: RoadNumbers, tables: NddTables
 ) -> uint64:
-    """Note what slot i remembers of an action that somebody else chose for it; return its quantile as a random word.
+    """Note what slot i remembers of an action chosen by another controller; return its quantile as a random word.
 
     It is a word with which the slot would have drawn the acceleration. A lane change tells nothing about it: the word
     stays. An impossible acceleration is remembered as where it stands among the possible ones: as the lowest of all
-    quantiles if it brakes harder than anybody. Held speed may mean that it looked away: then it remembers what it did.
+    quantiles if it brakes harder than any driver. A held speed may mean that it looked away: its quantile then stays.
 
     Args:
         w: The world.

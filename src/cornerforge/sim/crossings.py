@@ -70,7 +70,7 @@ def crossing_of(w: World, i: int, lane_width: float) -> tuple[float, int]:
 
 @kernel
 def rear_at(w: World, i: int, lane: int, when: float, lane_width: float) -> int:
-    """Find the nearest vehicle behind slot i's centre whose own centre is in a lane at `when`; -1 for none.
+    """Find the nearest vehicle behind slot i's centre with its own centre in a lane at `when`; -1 for none.
 
     Vehicles that have crashed in the second are not looked at.
     """

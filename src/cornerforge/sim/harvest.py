@@ -96,7 +96,7 @@ class Harvest(NamedTuple):
         rows: CASE_ROW (C,).
         history: float32 (C, 128).
         reals: float32 (5, .), `fields.REALS`, stored vehicle by vehicle, NaN where absent.
-        target_lane: int8, -1 where absent; present: bool; likewise.
+        target_lane: int8, -1 where absent; present: bool; in the same order.
         slot: int16, slots of the stored vehicles; kind: int8, their classes; length, width: float64, their sizes [m];
             change_time: float64, the time that their lane changes take [s].
         action: int8, decisions of the stored vehicles, vehicle by vehicle.
@@ -133,7 +133,7 @@ class Harvest(NamedTuple):
     def recordings(self) -> Recordings:
         """Take the motion of all cases, at least one, as a library that stores them gives it back.
 
-        The arrays are those of the harvest: judge before it is filled again.
+        The arrays belong to the harvest: judge before it is filled again.
         """
         rows = self.rows[: self.n_cases]
         frames, vehicles = rows["n_frames"].astype(np.int64), rows["n_kept"].astype(np.int64)
@@ -316,7 +316,7 @@ def _keep_labels(
 
 @inlined_kernel
 def _real(cell: Any, q: int) -> float:
-    """Give series q of `fields.REALS`, the first of which are those of `fields.POSE`, of a vehicle in a frame.
+    """Give series q of `fields.REALS` of a vehicle in a frame; the first of them are the series of `fields.POSE`.
 
     Numba's own way to take fields by name, `literal_unroll`, fails on Python 3.12 and later.
     """

@@ -1,8 +1,8 @@
 """Many worlds side by side, for AVs that decide outside the kernels: the AV answers for all of them at once.
 
 A batch of B worlds goes on from one decision of its AVs to the next: `see` writes what each AV sees, `act` takes their
-answers and moves every world to where its AV decides again. A world whose test is over stays idle until `begin` gives
-it another test. Worlds know nothing of each other, so a test comes out the same in any batch.
+answers and moves every world to where its AV decides again. A world stays idle after its test until `begin` gives it
+another test. Worlds know nothing of each other, so a test comes out the same in any batch.
 """
 
 from __future__ import annotations
@@ -113,11 +113,11 @@ def act(
     Args:
         answers: float64 (B, W), finite (`answer_with`).
         as_lanes: Take the second column as a target lane, and accelerations as they are: answers of a built-in AV.
-        setting: The run, whose AV is OUTSIDE or STEERED.
+        setting: The run; its AV is OUTSIDE or STEERED.
         batch: The worlds; a test that ends leaves its world idle, with its outcome in the world's state.
         s: Scratch.
         keep: What is kept; frames and decisions only where B is 1.
-        done: int64 (B,): receives the worlds whose test has just ended.
+        done: int64 (B,): receives the worlds with a test that has just ended.
 
     Returns:
         The number of worlds in `done`.

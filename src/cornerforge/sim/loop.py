@@ -340,7 +340,7 @@ def linked_advance(w: World, setting: Setting, s: Scratch, keep: Keep, until: in
 
 @shared_kernel
 def advance(w: World, setting: Setting, s: Scratch, keep: Keep, until: int) -> int:
-    """Move a world on until its test is over, somebody outside must answer, or `until` seconds of it have passed.
+    """Move a world on until its test is over, a program outside must answer, or `until` seconds of it have passed.
 
     When a test ends within a second, vehicles that nothing can touch or see stand where the second began;
     `step.bring_up_to_date` moves them to the end.

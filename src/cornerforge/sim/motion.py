@@ -71,7 +71,7 @@ def _ramp(start: float, a: float, jerk: float, time: float, max_speed: float) ->
 def go_on(start: float, a: float, command: float, time: float, road: RoadNumbers) -> tuple[float, float, float, float]:
     """Compute how a vehicle drives on that goes from one acceleration to another at the ODD's jerk, and holds it.
 
-    Speeds stay in [0, max_speed]: a vehicle that brakes stands when it has come to a stand, its highest speed likewise.
+    Speeds stay in [0, max_speed]: a vehicle that brakes stays at 0, one that accelerates at its highest speed.
 
     Args:
         start: Its speed now [m/s], in [0, max_speed].

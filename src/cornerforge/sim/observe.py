@@ -143,7 +143,7 @@ def allowed_actions(
     Unbounded: all actions except lane changes that would leave the road or that repeat the running one. Bounded (paper,
     equation 12): of these, only actions that a naturalistic driver takes with a positive probability. Human errors are
     among them: to look away, to misjudge, to overlook a neighbour. With a budget (state.budget_left > 0): of these,
-    only actions whose `surprise` is within the rest of the budget. The likeliest action costs nothing, so one is always
+    only actions with a `surprise` within the rest of the budget. The likeliest action costs nothing, so one is always
     allowed.
 
     The choices of others at this moment are not known. The other BVs may start into the same lane, with their

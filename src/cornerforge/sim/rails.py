@@ -1,9 +1,9 @@
 """Vehicles on rails: others that move as they are told, whatever the AV does.
 
-The rails of a test say where each other vehicle is at every tenth of a second. Nobody decides anything there, so a
-manoeuvre that no natural driver of the simulator can make (a constant lateral speed, braking by 1 g, a recorded
-trajectory) can be put before the AV. All else is as in every test: the loop, contacts of the AV, what it sees, and what
-is recorded. Others that touch each other go on: on rails, contacts between them mean nothing.
+The rails of a test say where each other vehicle is at every tenth of a second. No driver decides there, so a manoeuvre
+that no natural driver of the simulator can make (a constant lateral speed, braking by 1 g, a recorded trajectory) can
+be put before the AV. All else is as in every test: the loop, contacts of the AV, what it sees, and what is recorded.
+Others that touch each other go on: on rails, contacts between them mean nothing.
 """
 
 from __future__ import annotations

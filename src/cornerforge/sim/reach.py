@@ -26,7 +26,7 @@ __all__ = ["bound_motion", "choose_current", "find_pairs", "pairs_of_av"]
 _ROUNDING = 0.01
 """Added to bounds of motion [m], far more than rounding errors."""
 _SWING = 2.5
-"""Half length [m] of a body whose swing in a turn the other bounds already cover; longer bodies get more."""
+"""Half length of a body for which the other bounds already cover its swing in a turn [m]; longer bodies get more."""
 _HARDEST_TURNING = 12.0
 """More than any AV that steers accelerates in any direction [m/s2]: 8 along its way and 8 across it."""
 _UNSURE = 1
@@ -52,7 +52,7 @@ def bound_motion(w: World, braking: float, acceleration: float, s: Scratch) -> N
     """Write bounds of how far each vehicle drives within the coming second into `s.least` and `s.most`.
 
     A BV's acceleration lies between the one it has and the commanded one, or is 0 at standstill and at the highest
-    speed. The AV may decide anew: it brakes with at most `braking` and accelerates with at most `acceleration` [m/s2],
+    speed. The AV may decide again: it brakes with at most `braking` and accelerates with at most `acceleration` [m/s2],
     or as now. At any time within the second, the lead of one vehicle over another changes by no more than the
     difference of their bounds at its end: t (d + c t / 2) for 0 <= t <= 1 and c >= 0 is at most max(0, d + c / 2).
     """
@@ -149,7 +149,7 @@ def _lanes_to_come(v: NDArray[np.void], j: int) -> int:
     """Find the lanes that vehicle j may be seen in within the coming second, as a bit mask.
 
     Lateral paths are planned between two seconds. One that began at rest leads straight from lane to lane. One that was
-    planned anew on the way may swing first: that vehicle may be seen in any lane.
+    planned again on the way may swing first: that vehicle may be seen in any lane.
     """
     if v[j].duration > 0.0 and (v[j].c1 != 0.0 or v[j].c2 != 0.0):
         return _ALL_LANES
@@ -193,7 +193,7 @@ def _note_av_neighbour(w: World, j: int, s: Scratch) -> None:
 
 @inlined_kernel
 def choose_current(w: World, s: Scratch, everybody: bool, road: RoadNumbers) -> None:
-    """List the vehicles whose state is kept current within the second, into `w.current`.
+    """List the vehicles that are kept current within the second, into `w.current`.
 
     First the AV and the vehicles that it may look at, then the vehicles that may touch another or that change lanes;
     with `everybody`, all.

@@ -2,8 +2,8 @@
 
 Seed and number name a test because its start and its BVs' decisions are drawn from them. A case that has been changed
 (`analysis/shrink.py`) has no name of that kind: a script gives every vehicle's start and every BV's actions. Rules,
-motion and contacts are those of natural tests, in the same kernels, so the script of a recorded crash of the AV gives
-that crash again, bit for bit. Instead of actions the others may have rails (`rails`): then they move as those say.
+motion and contacts are as in natural tests, in the same kernels, so the script of a recorded crash of the AV gives that
+crash again, bit for bit. Instead of actions the others may have rails (`rails`): then they move as those say.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ vehicle that starts is present, has decided nothing yet, and decides at that mom
 
 
 def average_traits(speed: NDArray[np.float64], change_time: float) -> NDArray[np.float64]:
-    """Make the TRAITS of drivers of whom nothing is known, (N, 8).
+    """Make the TRAITS of unknown drivers, (N, 8).
 
     They have medians; each desires the speed that it has, sets its indicator, looks at the road, is as noisy as all and
     looks away as often.

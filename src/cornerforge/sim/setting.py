@@ -44,9 +44,9 @@ __all__ = [
 ]
 
 BUILT_IN, OUTSIDE, LIKELIEST, STEERED, RECORDED = range(5)
-"""Controllers of the AV. BUILT_IN: its own law. OUTSIDE: somebody outside the kernels, who orders accelerations and
-lane changes. LIKELIEST: the likeliest action of the naturalistic model. STEERED: somebody outside, who accelerates and
-steers. RECORDED: nobody; it is on rails too, where others are (`RAILS`)."""
+"""Controllers of the AV. BUILT_IN: its own law. OUTSIDE: a program outside the kernels that orders accelerations and
+lane changes. LIKELIEST: the likeliest action of the naturalistic model. STEERED: a program outside that accelerates and
+steers. RECORDED: no driver; the AV is on rails where others are (`RAILS`)."""
 NOBODY, POLICY, UNIFORM, LANE_CHANGER, SWERVE, TOLD = range(6)
 ADVERSARIES = {"nobody": NOBODY, "policy": POLICY, "uniform": UNIFORM, "lane-changer": LANE_CHANGER, "swerve": SWERVE}
 """Controllers of the critical BV, by name. nobody: the controller of the other BVs. policy: a learned network. uniform:
@@ -106,7 +106,7 @@ class Controllers(NamedTuple):
             head says.
         cast: The mixture of policies, each with its own mask and budget; empty for none.
         script: Action of each vehicle at each decision, int8 (K, N), for SCRIPTED; the test is cut off after K.
-        rails: Starts and rails of the tests, for RAILS; then nobody is critical.
+        rails: Starts and rails of the tests, for RAILS; then no BV is critical.
     """
 
     av: int = BUILT_IN
@@ -173,7 +173,7 @@ def cast_of(policies: Sequence[PolicyNumbers], bounded: Sequence[bool], budgets:
 
 @inlined_kernel
 def is_outside(who: Controllers) -> bool:
-    """Does somebody outside the kernels answer for the AV?"""
+    """Does a program outside the kernels answer for the AV?"""
     outside: bool = who.av == OUTSIDE or who.av == STEERED
     return outside
 

@@ -1,7 +1,7 @@
-"""Worlds that are copied, stored, sent and taken up again: all that the future of a test depends on, to the bit.
+"""Worlds that are copied, stored, sent and continued: all that the future of a test depends on, to the bit.
 
 A world may be taken wherever `advance` returns; in the same setting it goes on as if it had never been left. With
-another `branch` its past stays and its future is drawn anew, as splitting needs.
+another `branch` its past stays and its future is drawn again, as splitting needs.
 """
 
 from __future__ import annotations

@@ -88,7 +88,7 @@ EXPOSURE = (
 """The AV's exposure once a second (paper, Figure 3): BBD and TTC to the vehicles ahead and behind in its lane, TTC only
 when closing. A vehicle that overlaps the AV lengthwise, which changes lanes beside it, is neither ahead nor behind."""
 BESIDE = (HistogramGrid("speed_difference_beside", "m/s", -20.0, 0.02, 2000),)
-"""Speed of a BV minus that of the BV beside it in the next lane to the right. Their centres are at most 10 m apart
+"""Speed of a BV minus the speed of the BV beside it in the next lane to the right. Their centres are at most 10 m apart
 along the road, and neither changes lanes."""
 JOINT = (
     HistogramGrid("gap", "m", 0.0, 0.5, 240),
@@ -368,7 +368,7 @@ def _count_accepted(w: World, i: int, target: int, counts: Counts) -> None:
 
 @kernel
 def _count_cut_in(w: World, i: int, road: RoadNumbers, counts: Counts) -> None:
-    """Count slot i, whose centre crossed into another lane in the second that is over, if it cut in on a faster BV."""
+    """Count slot i, which crossed into another lane in the second that is over, if it cut in on a faster BV."""
     when, lane = crossing_of(w, i, road.lane_width)
     x, speed = state_at(w, i, when)
     band = -1

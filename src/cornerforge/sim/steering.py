@@ -42,7 +42,7 @@ class Steering(NamedTuple):
 
 
 def allocate_steering(slots: int) -> Steering:
-    """Steering that holds nobody."""
+    """Steering that holds no vehicle."""
     return Steering(
         np.zeros(1, dtype=np.int64),
         np.zeros((2, slots), dtype=np.uint64),
@@ -52,13 +52,13 @@ def allocate_steering(slots: int) -> Steering:
 
 @inlined_kernel
 def words_below(chance: float) -> int:
-    """Count the random words whose `uniform` is below a chance."""
+    """Count the random words with `uniform` below a chance."""
     return math.ceil(min(max(chance, 0.0), 1.0) * 4294967296.0 - 0.5)
 
 
 @inlined_kernel
 def let_go(steering: Steering, slots: int) -> None:
-    """Hold nobody any more, of the first `slots` slots."""
+    """Release all of the first `slots` slots."""
     steering.on[0] = 0
     for i in range(slots):
         for what in range(2):

@@ -242,7 +242,7 @@ def move_on(w: World, substep: int, setting: Setting, recording: NDArray[np.void
 def bring_up_to_date(w: World, road: RoadNumbers) -> None:
     """Bring every vehicle to the moment at which the test ended.
 
-    `move_on` leaves vehicles that nobody can touch or see at their position from the start of the second.
+    `move_on` leaves vehicles that no other can touch or see at their position from the start of the second.
     """
     state = w.state[0]
     substeps = state.frame - SUBSTEPS * (state.decisions - 1)

@@ -64,7 +64,7 @@ def _next_words(w: World) -> tuple[uint64, uint64, uint64, uint64]:
 
 @inlined_kernel
 def _lane_speed(stream: float, lane: int, setting: Setting) -> float:
-    """Compute the mean speed of a lane [m/s], given that of the test.
+    """Compute the mean speed of a lane [m/s], given the test's mean speed.
 
     Lanes with trucks are on average no faster than trucks go.
     """
@@ -142,7 +142,7 @@ def _normal_share(z: float) -> float:
 
 @inlined_kernel
 def _give_habit(w: World, slot: int, quantile: float, initial: InitialNumbers) -> None:
-    """Give a follower a habit that suits its time gap: who keeps a short one tends to high accelerations."""
+    """Give a follower a habit that suits its time gap: with a short gap, high accelerations."""
     if quantile >= 0.0:
         v = w.vehicles
         v[slot].habit = reflected(1.0 - quantile + initial.habit_spread * (2.0 * v[slot].habit - 1.0))
@@ -182,8 +182,8 @@ def _join(w: World, lane: int, setting: Setting) -> bool:
 def _narrowness(width: float, road: RoadNumbers) -> float:
     """Compute how much less room than between two cars is beside a vehicle of a width [m]; at least 1.
 
-    The room is that to the widest vehicle in the middle of the next lane. Who begins a change beside somebody and turns
-    back a second later touches it if the change is too quick, and it is quicker by as much as the room is less.
+    The room ends at the widest vehicle in the middle of the next lane. A vehicle that begins a change beside another
+    and turns back a second later touches it if the change is too quick for the room.
     """
     room = road.lane_width - 0.5 * (width + road.widest)
     return max(1.0, (road.lane_width - road.width) / max(room, _LEAST_ROOM))
@@ -194,7 +194,7 @@ def _place(w: World, x: float, lane: int, speed: float, mean: float, setting: Se
     """Put the vehicle of the last `_join` on the road: centre at x [m] in a lane, at `speed` [m/s]; `mean`: the test's.
 
     Its desired speed is drawn given its speed, as both are in the long run (bivariate normal). The AV changes lanes in
-    the ODD's time, and so does everybody if the ODD says so or the model says nothing; else nobody is quicker than the
+    the ODD's time, and so do all vehicles if the ODD says so or the model says nothing; else none is quicker than the
     room beside wide vehicles allows. The AV sets its indicator.
     """
     road, initial = setting.road, setting.tables.initial
@@ -281,7 +281,7 @@ def _fill_behind(w: World, x: float, speed: float, lane: int, mean: float, setti
 
 @contextmanager
 def naming_tests(worlds: World) -> Iterator[None]:
-    """Let an `UndrawableError` from kernels, whose messages are constant, say which test it was.
+    """Add the test to an `UndrawableError` from kernels, because their messages are constant.
 
     Args:
         worlds: In which tests start: a world or a batch.

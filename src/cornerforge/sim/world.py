@@ -86,7 +86,7 @@ stands); clock, duration: time since the start of the lane change and its planne
 keeping; c0..c5: its quintic; target_lane: lane kept or changed to; lanes: bit mask of the lanes occupied
 (`road.straight.lane_bits`); present: 1 or 0; action: index of its last action, -1 for none; length, width: of its box
 [m]; kind: its class, an index of `types.CLASSES`; quantile, habit: of its last acceleration among its own in the state
-that it saw, and the quantile that it tends to (`ndd.model.Memory`), 0 to 1; desired_speed: its desired speed [m/s];
+that it saw, and the quantile that it returns to (`ndd.model.Memory`), 0 to 1; desired_speed: its desired speed [m/s];
 change_time: how long its undisturbed lane changes take [s]; signals: 1 if its driver sets the indicator before it
 changes lanes; away: 1 if its driver looked away from the road in the last second; commanded, acceleration_held: the
 acceleration that was decided last, and the one from which motion goes to it [m/s2]; noise: its driver's noise level
@@ -102,7 +102,7 @@ removed."""
 AV_FAULT = 5
 """Outcome code of a test that does not count: an AV from outside raised, hung, or gave no usable answer in it."""
 UNDRAWN = 7
-"""Outcome code of a world whose traffic at the start could not be drawn; `UndrawableError` ends whatever drives it."""
+"""Outcome code of a world with no traffic drawn at the start; `UndrawableError` ends the drive."""
 IDLE = -1
 """Outcome code of a world that drives no test."""
 NO_VEHICLE = -1
@@ -169,9 +169,9 @@ class World(NamedTuple):
         vehicles: (N,) of VEHICLE; slot 0 is the AV.
         state: (1,) of STATE.
         order: Slots by rising x, int64 (N,), the first `state.n_vehicles` entries.
-        current: Slots of the vehicles whose state is that of this moment, int64 (N,), the first `state.n_current`
-            entries: at decision times all that are present, within a second only vehicles that another may touch or
-            look at. The AV comes first; the first `state.n_seen` may be looked at; slots rise within both parts.
+        current: Slots of the vehicles with the state of this moment, int64 (N,), the first `state.n_current` entries:
+            at decision times all that are present, within a second only vehicles that another may touch or look at. The
+            AV comes first; the first `state.n_seen` may be looked at; slots rise within both parts.
         pair_a, pair_b: Slots of the pairs that can touch within the running second, int16 (N (N - 1) / 2,), room for
             all pairs; the first `state.n_pairs` entries; a < b.
         av_lead, av_rear: For each lane the only vehicle that can be the AV's nearest ahead or behind until the end of
@@ -269,7 +269,7 @@ def forget_av_neighbours(w: World) -> None:
 
 @inlined_kernel
 def list_all(w: World) -> None:
-    """Note that the state of every vehicle is that of this moment; what is known of the AV's neighbours stays."""
+    """Note that the state of every vehicle is current; what is known of the AV's neighbours stays."""
     state = w.state[0]
     found = 0
     for i in range(state.n_vehicles):
@@ -282,7 +282,7 @@ def list_all(w: World) -> None:
 
 @inlined_kernel
 def all_current(w: World) -> None:
-    """Note that the state of every vehicle is that of this moment, and that the AV's neighbours are UNKNOWN."""
+    """Note that the state of every vehicle is current, and that the AV's neighbours are UNKNOWN."""
     list_all(w)
     forget_av_neighbours(w)
 

@@ -130,8 +130,8 @@ def _as_theirs(base: NddModel) -> NddModel:
 
     That is memory, desired speeds, streams, turning back, and lengths of lane changes, indicators, noise levels and
     vigilance of their own. Their initial speeds and time gaps are those of one driver after the other, so the spread of
-    speeds within a test is that of all drivers. Drivers who never turn back may not overlook more than one neighbour in
-    10,000.
+    speeds within a test is that of all drivers. Drivers that never turn back may not overlook more than one neighbour
+    in 10,000.
     """
     start = base.initial
     initial = replace(

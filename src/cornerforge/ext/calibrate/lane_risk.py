@@ -154,7 +154,7 @@ def _fault_of(t: LaneTracks, row: Ints) -> Ints:
 
 
 def _turned_back_for(gap: Floats, rate: Floats) -> Bools:
-    """Tell for which gaps a driver who begins now turns back, shape (k,): at its next decision, a second later.
+    """Tell for which gaps a driver that begins now turns back, shape (k,): at its next decision, a second later.
 
     The gap is then what constant speeds make of it. False where a speed is not known.
     """
@@ -265,7 +265,7 @@ class _Road:
         return place, (self._codes[place] == codes) & (lane > 0)
 
     def has_lane(self, row: Ints, lane: Ints) -> Bools:
-        """Tell whether there is a lane beside each row: somebody drove in it before this place and beyond it."""
+        """Tell whether there is a lane beside each row: a vehicle drove in it before this place and beyond it."""
         place, known = self._place(row, lane)
         low, high = self._lane_ends
         along = self._t.along[row]

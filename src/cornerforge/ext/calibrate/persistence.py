@@ -47,7 +47,7 @@ class Pairs(NamedTuple):
 
 
 def _leaders(states: NDArray[np.void], length: Floats, lane_width: float) -> tuple[Ints, Floats]:
-    """Find each vehicle's leader, the nearest one whose centre is ahead in its lane, -1 for none, and the gap [m]."""
+    """Find each vehicle's leader (the nearest centre ahead in its lane, -1 for none) and the gap [m]."""
     shape = states.shape
     lane = np.floor(states["y"] / lane_width).astype(np.int64)
     scene = np.arange(shape[0] * shape[1]).reshape(shape[0], shape[1], 1)

@@ -142,7 +142,7 @@ class AdversaryEnv(_SingleEnv):
 
     Raises:
         CornerForgeError: A name, number or file is not right.
-        TypeError: There is no such option.
+        TypeError: The option is unknown.
     """
 
     @made_of(Adversary)
@@ -179,7 +179,7 @@ class DrivingEnv(_SingleEnv):
 
     Raises:
         CornerForgeError: A name, number or file is not right.
-        TypeError: There is no such option.
+        TypeError: The option is unknown.
     """
 
     @made_of(Driving)

@@ -221,7 +221,7 @@ class AdversaryVectorEnv(_BatchVectorEnv):
 
     Raises:
         CornerForgeError: A name, number or file is not right.
-        TypeError: There is no such option.
+        TypeError: The option is unknown.
     """
 
     @made_of(AdversaryVector)
@@ -248,7 +248,7 @@ class DrivingVectorEnv(_BatchVectorEnv):
 
     Raises:
         CornerForgeError: A name, number or file is not right.
-        TypeError: There is no such option.
+        TypeError: The option is unknown.
     """
 
     @made_of(DrivingVector)

@@ -63,7 +63,7 @@ def write_commonroad(case: OutCase, folder: Path, *, av: str = "both", date: str
     Args:
         case: The case; its name becomes that of the file.
         folder: Where to write; it is made.
-        av: One of `AV_WAYS`. "both": everybody as recorded, the AV too. "planning": the AV is left out, so that a
+        av: One of `AV_WAYS`. "both": all vehicles as recorded, the AV too. "planning": the AV is left out, so that a
             planner can take its place; its size then stands among the facts, and the others go straight on for 3 s
             after the record; the goal is at the end of that.
         date: When it was made, year-month-day.
@@ -99,7 +99,7 @@ def source_of_facts(facts: dict[str, Fact]) -> str:
 
 
 def facts_of_source(source: str) -> dict[str, Fact]:
-    """Read the line that `source_of_facts` wrote; a line of somebody else is one fact, `source`.
+    """Read the line that `source_of_facts` wrote; a line of another program is one fact, `source`.
 
     >>> facts_of_source("cornerforge; av: idm; rate_per_mile: 1e-07; found: true")
     {'av': 'idm', 'rate_per_mile': 1e-07, 'found': True}

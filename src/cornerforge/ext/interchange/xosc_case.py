@@ -1,4 +1,4 @@
-"""The case that a played storyboard makes: where everybody is in each frame, how fast, and on which road."""
+"""The case that a played storyboard makes: where each vehicle is in each frame, how fast, and on which road."""
 
 from __future__ import annotations
 

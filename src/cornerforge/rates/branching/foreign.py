@@ -68,7 +68,7 @@ class _Past:
         return path[::-1]
 
     def forget(self, places: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Forget the trees at some places; returns the moments forgotten, whose numbers will be used again."""
+        """Forget the trees at some places; return the forgotten moments, because their numbers will be used again."""
         gone = np.flatnonzero(np.isin(self._place, places))
         self._place[gone] = _NOTHING
         self._free += gone.tolist()

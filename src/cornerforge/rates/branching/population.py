@@ -262,7 +262,7 @@ def survey_world(w: World, population: Population) -> tuple[float, Ahead]:
 
 @inlined_kernel
 def value_of(total: float, population: Population) -> float:
-    """Compute what counts as the danger of a surveyed world whose near BVs have a danger of `total`."""
+    """Compute what counts as the danger of a surveyed world if its near BVs have a danger of `total`."""
     value: float = total + population.plan.look_ahead * population.pool.survey.soon[0]
     return value
 

@@ -31,7 +31,7 @@ class Schedule(NamedTuple):
         tree: Index of the tree at each place, NO_TREE for none, int64 (T,).
         moves: 1 for each row that waits and was handed out to be driven, int64 (R,).
         rows, ranks: Rows that wait to be driven, and how far each is below the top of its stack, int64 (R,).
-        ready: Places whose tree is complete, int64 (T,).
+        ready: Places with a complete tree, int64 (T,).
     """
 
     tree: NDArray[np.int64]
@@ -63,7 +63,7 @@ def start_trees(
     schedule: Schedule,
     trees: NDArray[np.void],
 ) -> None:
-    """Begin the trees of `trees` from `index` on at free places, one each; tree k is that of test first + k."""
+    """Begin the trees of `trees` from `index` on at free places, one each; tree k belongs to test first + k."""
     for m in range(places.size):
         place = places[m]
         start_tree(seed, first + index + m, place, population, trees[index + m])
@@ -72,7 +72,7 @@ def start_trees(
 
 @kernel
 def branch_out_all(population: Population, schedule: Schedule, trees: NDArray[np.void]) -> tuple[int, int]:
-    """Branch out every tree whose topmost world has been driven, and list all worlds that wait to be driven.
+    """Branch out every tree with a driven topmost world, and list all worlds that wait to be driven.
 
     Returns:
         How many `schedule.rows` wait, and how many places are `ready`: their trees are complete, and they are free.

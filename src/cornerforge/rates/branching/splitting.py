@@ -1,15 +1,15 @@
 """Importance splitting: particles are copied where it is dangerous, and weighted so that every mean stays true.
 
-A particle is a world with a weight. Those that come of one test are its tree. At the begin of each second
+A particle is a world with a weight. The particles of one test are its tree. At the begin of each second
 
 1. the *window* looks at weight times danger: a world that is worth little is dropped with a chance and else gets more
    weight (roulette); one that is worth much is copied, and the copies share its weight (splitting);
 2. for every act on the list (`acts`) a copy is made in which it happens, with the weight times the act's chance, if
    roulette lets it; the world itself goes on without any of them, with the weight times the chance of that.
 
-Each step leaves the expected weight of every future what it was, whatever the danger is taken to be. So the weights
-of the crashes of a tree sum up to a number whose mean is the crash rate per test (Booth and Hendricks 1984 call this
-weight windows; for exactness see docs/adr/0030-natural-rates.md). Only its variance depends on the network.
+Each step leaves the expected weight of every future what it was, whatever the danger is taken to be. So the sum of the
+weights of a tree's crashes has the crash rate per test as its mean (Booth and Hendricks 1984 call this weight windows;
+for exactness see docs/adr/0030-natural-rates.md). Only its variance depends on the network.
 
 All random numbers are functions of seed, test, and what happened in the tree before, so a tree is the same everywhere.
 """
@@ -131,7 +131,7 @@ def drive_on(row: int, population: Population) -> int:
 
 @kernel
 def _end(row: int, population: Population, tree: Any) -> None:
-    """Count a row whose test is over: in all its ends the AV crashed, arrived, or ran out of time."""
+    """Count a row with a test that is over: in all its ends the AV crashed, arrived, or ran out of time."""
     pool, terminal = population.pool, population.terminal
     w = world_row(pool.worlds, row)
     state = w.state[0]
@@ -194,7 +194,7 @@ def _chance_to_explore(act: Any, plan: Plan, s: Survey) -> float:
 def _follow(
     row: int, top: int, weight: float, danger: float, acts: tuple[int, int], ahead: Ahead, population: Population
 ) -> int:
-    """Make copies of a row in whose next second the first of `acts` happens, and the second if that is not -1.
+    """Make copies of a row; in their next second the first of `acts` happens, and the second if that is not -1.
 
     Acts of groups before the first do not happen; of the groups paired with it those before the second, or with -1
     all, do not happen. All others are left to nature. `weight` is the row's, times the chance of all this.

@@ -192,7 +192,7 @@ def note_crash(slot: int, weight: float, number: int, log: TrainingData) -> None
 
 @kernel
 def add_what_followed(log: TrainingData, followed: NDArray[np.float64]) -> None:
-    """Write into `followed`, (L,) or more, the weight of crashes that followed each sample, over that of the sample."""
+    """Write into `followed`, (L,) or more, the weight of crashes after each sample, over the sample's weight."""
     n = log.used[1]
     for p in range(n):
         followed[p] = log.samples[p].crash
