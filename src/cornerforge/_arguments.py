@@ -21,7 +21,7 @@ __all__ = ["allowed_types", "check_value", "is_several"]
 
 
 def is_several(value: object) -> TypeGuard[Sequence[Any]]:
-    """Tell whether a value is a list, a tuple, an array of values or the like; a text is none.
+    """Tell whether a value is a list, a tuple, an array of values or the like; a text is not.
 
     >>> is_several([1]), is_several("1"), is_several(1)
     (True, False, False)

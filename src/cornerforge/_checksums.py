@@ -97,7 +97,7 @@ def check_json(path: Path, content: Mapping[str, Any]) -> dict[str, Any]:
 
     Raises:
         FileFormatError: It does not fit.
-        NoChecksumError: There is none.
+        NoChecksumError: It carries no checksum.
     """
     rest = {key: value for key, value in content.items() if key != KEY}
     if KEY not in content:

@@ -77,7 +77,7 @@ def _parts_in(folder: str) -> list[str]:
 
 
 def _remove_dead(path: Path, parts: list[str]) -> None:
-    """Remove those of these parts that were to become `path`, and that no process holds."""
+    """Remove the parts that were to become `path` and that no process holds."""
     for name in parts:
         if is_part_of(name, path):
             with suppress(OSError):
@@ -118,7 +118,7 @@ def check_way(path: Path) -> None:
 
 
 def _is_held(number: int) -> bool | None:
-    """Lock an open part up to its closing; False: its process lives and has it, None: there are no locks here."""
+    """Lock an open part up to its closing; False: its process lives and has it. None: the file system has no locks."""
     try:
         import fcntl
 
@@ -180,7 +180,7 @@ def read_bytes(path: Path) -> bytes:
     """Read a regular file.
 
     Raises:
-        OSError: It is none (`check_regular`), or cannot be read.
+        OSError: It is not a regular file (`check_regular`), or cannot be read.
     """
     check_regular(path)
     return path.read_bytes()

@@ -64,7 +64,7 @@ def cache_folder() -> str:
 
 
 def read_folders() -> list[Path]:
-    """List the folders in which machine code is looked for: those that could be written before, then the package's."""
+    """List the folders to search for machine code: folders that could be written before, then the package's."""
     return [*(base / _FOLDER for base in _places()), _PACKAGE / _FOLDER]
 
 
@@ -169,7 +169,7 @@ class PartStore:
         self._kernel = kernel
 
     def load(self, args: tuple[Any, ...]) -> Any:
-        """Read the part and those that it calls; None if it is absent or damaged."""
+        """Read the part and the parts that it calls; None if it is absent or damaged."""
         files = [folder / self._name(args) for folder in read_folders()]
         return _read(files, lambda kept: self._kernel._part.thaw(args, kept))
 
@@ -191,7 +191,7 @@ def _name_of(kernel: Any, sig: Any, made_for: str) -> str:
 
 
 def _read(files: list[Path], rebuilt: Callable[[Any], Any]) -> Any:
-    """Rebuild the first of some files that is there, and drop those that are damaged; None if none is left."""
+    """Rebuild the first of some files that exists, and drop damaged ones; None if none is left."""
     for file in files:
         try:
             content = read_bytes(file)

@@ -102,7 +102,7 @@ def _own(function: types.FunctionType) -> tuple[str, list[Any]]:
 
 
 def _told(value: Any, calls: list[Any]) -> str | None:
-    """Tell a constant as a text that changes with its content, and add what is called to `calls`; None: it cannot."""
+    """Tell a constant as a text that changes with its content, and add called functions to `calls`, or None."""
     if isinstance(value, _PLAIN) and not isinstance(value, enum.Enum):
         return f"{type(value).__name__} {value!r}"
     if isinstance(value, np.ndarray):
@@ -131,7 +131,7 @@ def _told(value: Any, calls: list[Any]) -> str | None:
 
 
 def _globals_loaded(code: types.CodeType) -> Iterator[str]:
-    """Yield the names of globals and cells that code loads; `co_names` has those of attributes too."""
+    """Yield the names of globals and cells that code loads; `co_names` has names of attributes too."""
     for one in dis.get_instructions(code):
         if one.opname in ("LOAD_GLOBAL", "LOAD_DEREF", "LOAD_CLOSURE"):
             yield str(one.argval)

@@ -96,7 +96,7 @@ class _PartLibrary(JITCodeLibrary):
                         one.linkage = "internal"
 
     def called(self) -> list[_PartLibrary]:
-        """List the parts that it calls itself, without those that they call."""
+        """List the parts that it calls itself, without the parts that they call."""
         further = {one for other in self._linking_libraries for one in other.closure() if one is not other}
         return [one for one in dict.fromkeys(self._linking_libraries) if one not in further]
 
@@ -196,7 +196,7 @@ class _PartDispatcher(CPUDispatcher):
         return made.signature, description, code, [(parts[part], args) for part, args in called], shared_of(library)
 
     def thaw(self, args: tuple[Any, ...], frozen: Any) -> Any:
-        """Rebuild a part, and those that it calls."""
+        """Rebuild a part, and the parts that it calls."""
         signature, description, code, called, shared = frozen
         load_shared(shared)
         kernels = self._kernels_reached()
@@ -271,7 +271,7 @@ def load_shared(wanted: Iterable[tuple[str, tuple[Any, ...]]]) -> None:
     """Load shared kernels, before a program is loaded that calls them.
 
     Raises:
-        KeyError: There is none of that name.
+        KeyError: No shared kernel has that name.
     """
     for name, args in wanted:
         _SHARED_KERNELS[name]._part.compile(args)

@@ -1,7 +1,7 @@
 """Locks: an output place belongs to one call at a time, and another call is told which process has it.
 
 A folder is locked by the file `.cornerforge.lock` in it, a single file by `.NAME.cornerforge.lock` beside it, with the
-package `filelock`. The lock is the operating system's, so that of a killed process is free at once; its file only says
+package `filelock`. The lock is the operating system's, so a killed process loses its locks at once; its file only says
 which process holds it, for messages, and is removed at the end. See docs/adr/0053-locks.md.
 """
 

@@ -51,7 +51,7 @@ class Option:
         unit: Unit of a number, "" for none.
         choices: All values of a text; empty: any.
         near: Words that a shell offers where `choices` are not all; ("av",) and ("odd",) stand for those names.
-        name: Name on the command line, with its dashes; "" for that of the field.
+        name: Name on the command line, with its dashes; "" for the field's name.
         metavar: What stands for the value in help; "" for its type.
         default: What help says is the default, where the value None does not tell.
         also: A second name on the command line, with its dashes; "" for none.
@@ -139,7 +139,7 @@ def _hints(options: Any) -> dict[str, Any]:
 
 
 def options_of(options: type[Options]) -> Iterator[tuple[Field[Any], Any, Option]]:
-    """Give each option of a class: its field, its type, and its meaning; those of the class itself first."""
+    """Give each option of a class: its field, its type, and its meaning; the class's own options first."""
     known = {one.name: one for one in fields(options)}
     hints = _hints(cast("Any", options))
     for kind in options.__mro__:

@@ -218,7 +218,7 @@ def read_parquet(path: Path, command: str, columns: Sequence[str] | None = None,
         path: The file.
         command: What writes it, for messages.
         columns: Columns to read; None: all.
-        fewer: Leave out those that the file lacks, instead of refusing it.
+        fewer: Leave out fields that the file lacks, instead of refusing it.
 
     Raises:
         FileFormatError: It is missing, damaged or changed, or lacks a column.

@@ -118,7 +118,7 @@ def weighted_interval(weights: ArrayLike, largest: float, confidence: float = 0.
 
     Args:
         weights: One for each event that was seen, shape (K,), 0 or more.
-        largest: Largest weight that an event could have had, above 0, at least that of those seen.
+        largest: Largest weight that an event could have had, above 0, at least the largest weight seen.
         confidence: In (0, 1).
 
     Returns:
@@ -151,11 +151,11 @@ def weighted_interval(weights: ArrayLike, largest: float, confidence: float = 0.
 def share_interval(part: ArrayLike, whole: ArrayLike, confidence: float = 0.95) -> tuple[float, float]:
     """Give the interval of the share of some events among all of a Poisson number of events.
 
-    With equal weights it is exact (`binomial_interval`); else that of their rate (`weighted_interval`) over the rate of
-    all, which is too wide rather than too narrow.
+    With equal weights it is exact (`binomial_interval`); else it is their rate's interval (`weighted_interval`) over
+    the rate of all, which is too wide rather than too narrow.
 
     Args:
-        part: Weights of the events that count, shape (K,), above 0; they are among those of `whole`.
+        part: Weights of the events that count, shape (K,), above 0; they are part of `whole`.
         whole: Weights of all, shape (N,), N at least 1.
         confidence: In (0, 1).
 

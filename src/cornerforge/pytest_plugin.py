@@ -44,7 +44,7 @@ class MarkedCase:
 
     Attributes:
         path: The file.
-        av: The AV of the marker; None: none was named.
+        av: The AV of the marker; None: no AV was named.
         folder: Folder of the test: where a module of an AV is looked for first.
         asked: How an AV from outside is asked.
     """

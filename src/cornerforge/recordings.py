@@ -90,7 +90,7 @@ class Recordings(NamedTuple):
 
     @property
     def n_cases(self) -> int:
-        """Number of cases (`len` is that of the tuple)."""
+        """Number of cases (`len` gives the tuple's length)."""
         return self.frames.size
 
     @property

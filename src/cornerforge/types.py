@@ -247,7 +247,7 @@ def odd_named(name: str) -> Odd:
     """Look up a built-in ODD.
 
     Raises:
-        UnknownNameError: There is none of that name.
+        UnknownNameError: No ODD has that name.
 
     >>> odd_named("swift").lane_change_duration
     2.5

@@ -128,7 +128,7 @@ def _touching_axis(
     half_length: NDArray[np.float64],
     half_width: NDArray[np.float64],
 ) -> NDArray[np.intp]:
-    """Index 0..3 of the axis that closed last, shape (S,); without relative motion that of the shallowest overlap."""
+    """Index 0..3 of the axis that closed last, shape (S,); at rest the axis of shallowest overlap."""
     apart = _dot(offset[:, None], axes)
     reach = _shadow(half_length, axes, axes[:, :2]) + _shadow(half_width, axes, axes[:, 2:])
     overlap = reach - np.abs(apart)

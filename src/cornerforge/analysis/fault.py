@@ -125,7 +125,7 @@ class Faults:
     Attributes:
         case_ids: Names of the cases, length S.
         fault: Places in `FAULTS`, int8, shape (S,).
-        rule: Place in `RULES` of the first violation of all, int8, shape (S,); that of the AV if both began at once.
+        rule: Place in `RULES` of the first violation of all, int8, shape (S,); the AV's if both began at once.
         violation_s: Its time, shape (S,); NaN where no rule was broken.
         av_rule, bv_rule: Place in `RULES` of each vehicle's own first violation, int8, shape (S,).
         av_violation_s, bv_violation_s: Their times, shape (S,); NaN where it broke none.

@@ -1,4 +1,4 @@
-"""The case to look at first: typical of the kind of natural crash that happens most, of those that matter."""
+"""The case to look at first: typical of the most frequent kind of natural crash that matters."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def first_case(
         kinds: What kind each of the S cases is, None or "": not known.
         weights: How often each happens, above 0, shape (S,).
         points: Each in the plane of the principal components, shape (S, 2); NaN where a case has no place in it.
-        matter: Which cases matter, such as those that a careful driver would have prevented, shape (S,).
+        matter: Which cases matter, for example cases that a careful driver would have prevented, shape (S,).
 
     Returns:
         The case of that kind nearest to the weighted middle of its cases; None if no case that matters has a kind. Of

@@ -130,7 +130,7 @@ def headline(natural: OwnDoing | None, adversary: OwnDoing | None) -> str:
 
 
 def _nothing_in(natural: OwnDoing, adversary: OwnDoing) -> str:
-    """Say that neither natural cases nor those of an adversary show a flaw."""
+    """Say that neither natural cases nor an adversary's cases show a flaw."""
     n, m = (sum(one.conducts.values()) for one in (natural, adversary))
     wrong = n + m - sum(one.conducts.get(NO_CONDUCT, 0) for one in (natural, adversary))
     text = f"{_NOTHING}: not in {n:,} natural crashes, nor in {m:,} that an adversary caused."

@@ -203,7 +203,7 @@ def _entries_in_path(
     av = r.vehicle_at[of_case]
     vehicle = np.repeat(np.arange(frames.size), frames)
     entry = np.arange(r.x.size)
-    of_av = entry - (begin - r.at[of_case])[vehicle]  # from a vehicle's series back to that of its case's AV
+    of_av = entry - (begin - r.at[of_case])[vehicle]  # from a vehicle's series back to the AV's in its case
     chosen = r.present & (np.abs(r.y - r.y[of_av]) < (0.5 * (r.width[av] + r.width))[vehicle])
     chosen &= (of_av != entry) & (entry < (begin + r.last[of_case])[vehicle])
     found = np.flatnonzero(chosen)

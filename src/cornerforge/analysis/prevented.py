@@ -176,7 +176,7 @@ def prevented_at(
 ) -> NDArray[np.bool_]:
     """Say of C cases which of D reference drivers would have prevented it, had they reacted as fast as `REACTIONS_S`.
 
-    Arguments as those of `prevention_of`.
+    Arguments as for `prevention_of`.
 
     Returns:
         Shape (C, reactions, D), False where a case cannot be judged. A driver sees danger by its own rule all the same.

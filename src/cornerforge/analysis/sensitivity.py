@@ -55,7 +55,7 @@ def split_sensitivity(
     """Split the same points with other numbers around the chosen ones.
 
     Args:
-        points: Shape (S, 2), those that were split.
+        points: Shape (S, 2), the points that were split.
         chosen: The split that the rule chose for them.
         eps_factors: Multiples of its eps, above 0.
         min_samples_factors: Multiples of its `min_samples`, above 0; rounded up, at least 2, at most S.

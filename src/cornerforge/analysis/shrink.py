@@ -55,7 +55,7 @@ class Shrunk:
     Attributes:
         script: The smallest form, every action named.
         scenario: Its recording; times count from its own start.
-        crash_type: Name of its type, that of the case.
+        crash_type: Name of its type, equal to the case's.
         striker: The striker, as in the case.
         cause: One of CAUSES.
         before, after: Sizes of the case and of its smallest form.

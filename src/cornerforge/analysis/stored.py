@@ -59,7 +59,7 @@ def read_analysed(file: Path, command: str, columns: Sequence[str] | None = None
         file: The table: one of the three above.
         command: What writes it again, for messages.
         columns: Columns to read; None: all.
-        fewer: Leave out those that the table lacks, instead of refusing it.
+        fewer: Leave out fields that the table lacks, instead of refusing it.
 
     Raises:
         FileFormatError: The table is missing, damaged or changed, lacks a column, holds a value out of its range, or

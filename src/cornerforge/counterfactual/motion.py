@@ -145,7 +145,7 @@ def take_over_av(
         frame: The moment.
         parts: Places in a lane at which the AV may drive: 1, or 3 for one that steers; `evasive` has so many times as
             many lanes, each so much narrower.
-        road, evasive: Constants of the recording; those of the AV's decisions.
+        road, evasive: Constants of the recording; constants of the AV's decisions.
     """
     take_over(w, row, test, frame, 0, 0.0, road)
     v = w.vehicles

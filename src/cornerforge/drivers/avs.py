@@ -269,7 +269,7 @@ def av_named(name: str) -> AvModel:
     """Look up a built-in AV.
 
     Raises:
-        UnknownNameError: There is none of that name; the nearest is suggested.
+        UnknownNameError: No AV has that name; the nearest is suggested.
     """
     if name not in AVS:
         raise UnknownNameError("AV", name, AVS)

@@ -194,7 +194,7 @@ def braking_of(kind: int, since: float, demanded: float, acceleration: float, st
 # In the place of an AV, among others that move as they are told
 
 HOLDS = len(CAREFUL)
-"""Code of a driver that only holds its speed, after those of `CAREFUL`: where that is enough, no care was needed."""
+"""Code of a driver that only holds its speed, after the codes of `CAREFUL`; where it is enough, no care was needed."""
 SCENARIOS = {"cut-in": 0, "cut-out": 1, "deceleration": 2}
 """Families of scenarios of UN R157 and their codes: `cc-human` sees danger differently in them."""
 _CUT_IN = SCENARIOS["cut-in"]
@@ -207,7 +207,7 @@ _STEP = FRAME_S
 
 @inlined_kernel
 def _is_hidden(poses: NDArray[np.float64], f: int, j: int, x: float, y: float) -> bool:
-    """Does a nearer vehicle stand on the line from the driver's centre to that of vehicle j?"""
+    """Does a nearer vehicle stand on the line from the driver's centre to vehicle j's centre?"""
     far = way_from(x, poses[f, j, X])
     for i in range(1, poses.shape[1]):
         near = way_from(x, poses[f, i, X])

@@ -239,9 +239,9 @@ def range_rate_index(range_rate: float, rounding: float) -> int:
 def table_row(gap: float, range_rate: float, rounding: float) -> tuple[int, int]:
     """Find the grid place (gap, range rate) of a state; (-1, -1) for free flow (gap above 115.5 m).
 
-    `rounding` is that of `range_rate_index`. A state that closes faster than the grid's 10 m/s is looked up at 10 m/s
-    and the gap 4 + (gap - 4) (10 / closing)^2, from which stopping the closing with 4 m left needs the same
-    deceleration. So no state outside the tables is taken for a milder one.
+    `rounding` as for `range_rate_index`. A state that closes faster than the grid's 10 m/s is looked up at 10 m/s and
+    the gap 4 + (gap - 4) (10 / closing)^2, from which stopping the closing with 4 m left needs the same deceleration.
+    So no state outside the tables is taken for a milder one.
     """
     closing = -range_rate
     if closing > MAX_TABLE_CLOSING and gap > 4.0:

@@ -27,7 +27,7 @@ class Sight:
         perception_time: The AV sees `offset` passed this much later. 0.4 s is UN R157's time to perceive a risk.
 
     Raises:
-        InputError: `by` is none of the three, or a number is out of range.
+        InputError: `by` is unknown, or a number is out of range.
     """
 
     by: str = "motion"

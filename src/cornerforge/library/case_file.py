@@ -102,7 +102,7 @@ class CaseFile:
         happened: What became of it with that AV; None: not known.
         recorded: What the AV did, frame by frame from the start on, float64 (T, POSE_NUMBERS), where others act; None:
             not known. On rails this is column 0 of the script's poses.
-        model: Hash of the naturalistic model that the others' actions depend on; None: they depend on none.
+        model: Hash of the naturalistic model that the others' actions depend on; None: the actions depend on no model.
         licence: What may be done with it.
         facts: What else is known.
         notes: What could not be carried over.

@@ -155,7 +155,7 @@ def read_manifest(folder: Path, *, old: bool = False) -> tuple[Manifest, bytes]:
         old: It may be one without a checksum, as version 0.1 wrote it.
 
     Raises:
-        FileFormatError: There is none, it is damaged, or of another schema.
+        FileFormatError: The manifest is missing, damaged, or of another schema.
     """
     path = folder / MANIFEST
     try:

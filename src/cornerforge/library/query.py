@@ -68,7 +68,7 @@ class Asker:
         self.close()
 
     def close(self) -> None:
-        """End the process and all questions, also those that wait; no other is answered."""
+        """End the process and all questions, waiting ones too; later questions are not answered."""
         with self._starting:
             self._closed = True
             if self._process is not None:

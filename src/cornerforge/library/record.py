@@ -27,7 +27,7 @@ class CaseRecord:
     """One case as `CaseLibrary.append` takes it; make it with `case_record`.
 
     Attributes:
-        odd: Road and rules, equal to those of the library.
+        odd: Road and rules, equal to the library's.
         cases: One row of `fields.CASES`.
         tracks: One row of `fields.TRACKS`, or of `schema.SCRIPTED_TRACKS` or `RAILS_TRACKS` for a scripted case.
         extra: The caller's own columns.
@@ -72,7 +72,7 @@ def case_record(
 
     Args:
         scenario: Recording that ends in a crash of the AV.
-        trajectory_digest: Hex digest to store instead of that of the recording (`sim.recorder.scenario_digest`).
+        trajectory_digest: Hex digest to store instead of the recording's (`sim.recorder.scenario_digest`).
         extra: Own columns, the same for all cases of a library; names end in their unit where they have one.
         start: Of a scripted case all states at frame 0 (`sim.scripted.Script.start`); all vehicles are stored
             then. None for a test of a seed.

@@ -88,7 +88,7 @@ def joined(cases: Sequence[CaseRecord], extra: Mapping[str, str]) -> tuple[pa.Ta
     """Give the tables of at least one record: cases with the caller's own columns, and tracks.
 
     Raises:
-        InputError: A record's own columns are not those of `extra`.
+        InputError: A record's own columns differ from `extra`.
     """
     for record in cases:
         kinds = extra_kinds(record)

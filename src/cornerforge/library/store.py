@@ -61,7 +61,7 @@ class StoredCase:
     """One case as stored.
 
     Attributes:
-        scenario: The vehicles that were stored; values are those of float32.
+        scenario: The vehicles that were stored; values have float32 precision.
         scalars: Column name to value, without the history; see `schema.CASES`.
         history: Shape (16, 2, 4); see `CaseLibrary.history`.
         script: Start and actions of its replay; None where they are drawn from the seed.
@@ -109,7 +109,7 @@ class CaseLibrary:
 
     @classmethod
     def resume(cls, path: Path | str, identity: Identity, odd: Odd) -> CaseLibrary:
-        """Continue a library of the same run after its last commit, or start it if there is none yet.
+        """Continue a library of the same run after its last commit, or start it if it does not exist yet.
 
         Files that a killed run left are removed. The next test to drive is `next_test`.
 
@@ -254,7 +254,7 @@ class CaseLibrary:
 
     @claims()
     def append_shard(self, shard: EncodedShard | None, *, next_test: int, tests: int, crashes: int) -> None:
-        """Do the same with cases that are packed already (`shards.encode_tables`), of this library's ODD; None: none.
+        """Do the same with packed cases (`shards.encode_tables`) of this library's ODD; None: no cases.
 
         Raises:
             InputError: Cases or progress do not continue the library, or the caller's own columns are others.

@@ -45,7 +45,7 @@ def tables_of(
     Args:
         h: At least one case.
         policies: Hashes of the policies that drove, in the order of the mixture; none: no columns of policies.
-        digests: Digests to store instead of those of the recordings.
+        digests: Digests to store instead of the recordings' own.
         starts: States at frame 0 of each scripted case; the tracks are `SCRIPTED_TRACKS` then.
         poses: Rails of each scripted case (`sim.Script.poses`); the tracks are `RAILS_TRACKS` then.
     """

@@ -20,7 +20,7 @@ def bbd(
 
     Args:
         x_subject: Centre of the vehicle behind, along the road [m], shape (*d).
-        x_lead: Centre of the vehicle ahead [m], shape (*d); +inf where there is none.
+        x_lead: Centre of the vehicle ahead [m], shape (*d); +inf where no vehicle is ahead.
         length_subject: Length of the vehicle behind [m], shape (*d) or one number.
         length_lead: Length of the vehicle ahead [m], shape (*d) or one number.
 

@@ -7,10 +7,10 @@ DOT HS 813 219, for MAIS 3+ in the crashes of NASS-CDS 2010-2015, as later users
 tables A-6 and A-9). We did not have the report itself: compare with it before you rely on them.
 
 Near and far side: that report has no curve for side impacts. Ours begin where its frontal curve does, because an impact
-of size 0 has no direction, and are steeper, so that the odds ratio between the modes at 30 mph is that of Augenstein et
+of size 0 has no direction, and are steeper, so that the odds ratio between the modes at 30 mph is as in Augenstein et
 al. (2003), "Characteristics of crashes that increase the risk of serious injuries", 47th AAAM conference (MAIS 3+ at a
 delta-v of 30 mph: frontal 38.9 %, near side 83.8 %, far side 47.8 %, rear 19.9 %). They are derived, not published.
-Only the ratios between the modes are taken from there, because the level is that of an older fleet: the frontal 38.9 %
+Only the ratios between the modes are taken from there, because the level belongs to an older fleet: the frontal 38.9 %
 is 10.7 % in Wang. With that ratio at every speed, a contact with a delta-v of 1 m/s would injure one in a hundred.
 """
 

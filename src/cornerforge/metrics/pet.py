@@ -42,7 +42,7 @@ def pet(enter_a: ArrayLike, leave_a: ArrayLike, enter_b: ArrayLike, leave_b: Arr
             )
     both_enter = np.isfinite(in_a) & np.isfinite(in_b)
     between = np.full(in_a.shape, np.inf)
-    # Of the two differences the larger is that of the true order; the other counts the whole encounter backwards.
+    # The larger difference has the true order; the other counts the whole encounter backwards.
     np.subtract(in_b, out_a, out=between, where=both_enter)
     other = np.full(in_a.shape, np.inf)
     np.subtract(in_a, out_b, out=other, where=both_enter)

@@ -78,7 +78,7 @@ def contact_time(
 
     Args:
         offset: Centre of B minus centre of A [m], shape (T, 2).
-        velocity: Velocity of B minus that of A [m/s], shape (T, 2).
+        velocity: Velocity of B minus velocity of A [m/s], shape (T, 2).
         heading_a: Of A, counter-clockwise [rad], shape (T,).
         heading_b: Of B, shape (T,).
         lengths, widths: Of A and B [m], numbers or (T,).

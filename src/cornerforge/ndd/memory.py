@@ -133,7 +133,7 @@ def own_rank(share: float, noise: float) -> float:
 
 @inlined_kernel
 def own_word(word: uint64, noise: float) -> uint64:
-    """Turn the random word of a driver's own rank into that of the quantile of all drivers: the inverse of `own_rank`.
+    """Turn the random word of a driver's own rank into the word of the quantile of all drivers: inverse of `own_rank`.
 
     With a noise level of 0 it is the word itself.
     """

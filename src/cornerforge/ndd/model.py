@@ -74,8 +74,8 @@ class NddModel:
     Attributes:
         following: P(acceleration), float32 (21, 116, 19, 31); rows sum to 1; exact 0 is "impossible".
         free: The same with no leader within 115 m, over all drivers at a speed, float32 (21, 31).
-        free_pull: Mean acceleration of a free driver, above that of all drivers at its speed, per m/s that it lacks to
-            its own desired speed [1/s]; 0: drivers have none. Its row is that of all drivers, tilted:
+        free_pull: Mean acceleration of a free driver, above the mean of all drivers at its speed, per m/s that it lacks
+            to its own desired speed [1/s]; 0: drivers have no desired speed. Its row is the row of all drivers, tilted:
             p(a) exp(theta a), normalised, so impossible stays impossible.
         lc_base: Chance of starting a change to one given side in one 1 s decision, float32 (21,) over speed.
         lc_desire: Multiplier by state to the leader, float32 (116, 19) over (gap, range rate).

@@ -26,7 +26,7 @@ def has_way_out(time_to_react: NDArray[np.float64], after: float) -> NDArray[np.
     """Say which cases had a way out that may begin `after` seconds after the manoeuvre began, or later.
 
     Args:
-        time_to_react: From the manoeuvre's begin to the last way out [s]; NaN where there is none.
+        time_to_react: From the manoeuvre's begin to the last way out [s]; NaN without a way out.
         after: Reaction time [s].
     """
     return np.asarray(time_to_react >= after - _SLIVER)
@@ -41,7 +41,7 @@ def judges_of(
     Args:
         time_to_react: As for `has_way_out`, (C,).
         drivers: Which of the cases each of D reference drivers would have prevented, (C,) each.
-        held: Those that holding the speed would have prevented, (C,).
+        held: Cases that holding the speed would have prevented, (C,).
         reacting: As `analysis.prevented.prevented_at` gives it, (C, reactions, D).
         lead_s: Reaction time of the share that is told first [s].
 

@@ -154,8 +154,8 @@ def model_spread(counts: Floats, exposures: Floats, weights: Floats | None = Non
     Args:
         counts: Crashes of each draw, 0 or more, whole or not, shape (M,), M at least 5; not all 0.
         exposures: In which they were found (tests, or what `effective_counts` says), above 0, shape (M,).
-        weights: How much each draw counts, 0 or more, shape (M,), so that at least 5 count effectively; None: all the
-            same. Their scale does not matter.
+        weights: How much each draw counts, 0 or more, shape (M,), so that at least 5 count effectively; None: equal
+            weights. Their scale does not matter.
 
     Raises:
         InputError: The shapes differ, there are too few draws, no crash, or a number is not what it must be.
@@ -238,8 +238,8 @@ def _log_likelihood(counts: Floats, exposures: Floats, mu: float, tau: float) ->
 def interval_with_model(rate: float, sampling: tuple[float, float], spread: ModelSpread) -> tuple[float, float]:
     """Widen the 95 % interval of a rate by what the models' spread adds; log-normal about the rate.
 
-    On each side the variance of the logarithm is that of the sampling interval plus `log_sd_used` squared. Student's
-    quantile for one degree less than there are draws takes the place of 1.96, as the spread is from few models.
+    On each side the variance of the logarithm is the sampling interval's plus `log_sd_used` squared. Student's quantile
+    for one degree less than there are draws takes the place of 1.96, as the spread is from few models.
 
     Args:
         rate: Above 0.
@@ -247,7 +247,7 @@ def interval_with_model(rate: float, sampling: tuple[float, float], spread: Mode
         spread: Of drawn models.
 
     Returns:
-        A 95 % interval, never inside of `sampling`; low is 0 where that of `sampling` is.
+        A 95 % interval, never inside of `sampling`; low is 0 where the low of `sampling` is 0.
 
     Raises:
         InputError: Rate or interval are not right.

@@ -1,7 +1,7 @@
 """How often the cases of a library happen in natural traffic, kind by kind.
 
-Cases of natural traffic have a weight (`library.natural`): the crashes per test that each stands for. Counted ones all
-have the same; those of trees (`splitting`) carry theirs in the column `weight`. Cases that an adversary made have none.
+Cases of natural traffic have a weight (`library.natural`): the crashes per test that each stands for. Counted cases all
+have the same weight; cases of trees (`splitting`) have it in the column `weight`. Cases of an adversary have no weight.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def natural_shares(
     """
     rates = _Rates(weights, odd)
     ways: NaturalKind | None = None
-    if (avoidable & looked_at).any():  # those that were drawn stand for all
+    if (avoidable & looked_at).any():  # the drawn cases stand for all
         drawn = weights * weights.sum() / weights[looked_at].sum()
         ways = rates.of(drawn[avoidable & looked_at], float(drawn.max()))
     return Natural(

@@ -428,7 +428,7 @@ def _one_a_tree(crashes: NDArray[np.void], rng: np.random.Generator) -> NDArray[
 
 
 def _independent(seed: int, use: int) -> int:
-    """Make a seed for one use, of which tests are independent of those of the user's seed."""
+    """Make a seed for one use, with tests that are independent of the user's seed."""
     return int(np.random.SeedSequence([seed, use]).generate_state(1, np.uint64)[0] >> np.uint64(1))
 
 

@@ -32,7 +32,7 @@ __all__ = [
 LEAST_EFFECTIVE = 300.0
 """Fewest trees, by `WeightedRate.effective`, that a rate may rest on."""
 LEAST_TREES = 300_000
-"""Fewest trees that a run may stop at: as many as taught the network, nearly. One that stops as soon as its rate is
+"""Fewest trees that a run may stop at: as many as taught the network, nearly. A run that stops as soon as its rate is
 narrow stops before the rare heavy trees come, and is too low."""
 LARGEST_SHARE = 0.05
 """Largest share of the sum that one tree may have."""
@@ -51,7 +51,7 @@ class WeightedRate:
         unit: What has a weight, for words: "trees" or "tests".
         rate: Their mean.
         error: Its standard error.
-        skewness: Of the mean: that of the weights over the root of n; 0 if all are equal.
+        skewness: Of the mean: skewness of the weights over the root of n; 0 if all are equal.
         low, high: 95 % interval, corrected for skewness; low is at least 0.
         half_width, half_width_90: Half of the 95 % and of the 90 % interval over the rate; infinite without a crash.
         effective: (sum)^2 / sum of squares: so many equal weights would be as exact, nearly; 0 without a crash.
@@ -82,7 +82,7 @@ class WeightedRate:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Reasons not to trust the interval, in words; empty if there are none."""
+        """Reasons not to trust the interval, in words; may be empty."""
         found = []
         if self.effective < LEAST_EFFECTIVE:
             found.append(f"it rests on {self.effective:.0f} effective {self.unit}, fewer than {LEAST_EFFECTIVE:.0f}")

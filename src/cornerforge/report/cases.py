@@ -28,7 +28,7 @@ FRAMES_PER_DECISION = round(1.0 / FRAME_S)
 
 
 def load_scenarios(library: Path, case_ids: Iterable[str]) -> Iterator[tuple[str, Scenario | None]]:
-    """Read cases from a library, one at a time; None for those that it does not hold or that lie in a damaged shard.
+    """Read cases from a library, one at a time; None for cases that it does not hold or that lie in a damaged shard.
 
     Warns with `DamagedShardWarning` of files that do not hold what they should.
 
@@ -63,13 +63,13 @@ def case_data(
     decimals, headings in rad, rounded to 4. `vehicles[0]` is the AV. A vehicle's lists begin at its frame `from`;
     `critical`, `action` and `p_nde` have one entry a decision (every 10 frames from the test's start, frame 0); `ttc`
     and `ttcPlane` one a shown frame, null for infinite. `first` is the index of the first frame shown. `wayOut` is like
-    a vehicle: the AV on a way out, up to the last frame shown; null where there is none.
+    a vehicle: the AV on a way out, up to the last frame shown; null without a way out.
 
     Args:
         case_id: Name of the case, `seed:test`.
         scenario: The case; vehicles far from the AV may have been left out.
         way_out: How the AV could have avoided the crash; None if no way is known.
-        first: First frame that is shown; None: that of the last `SHOWN_S`.
+        first: First frame that is shown; None: the start of the last `SHOWN_S`.
         partner: Slot of the vehicle of which `ttc` and `ttcPlane` tell, and which is always shown, where the AV crashed
             with none; None: no vehicle.
     """

@@ -81,7 +81,7 @@ def write_comparison(file: Path, result: Retested, pairs: Sequence[Pair], rule: 
     Args:
         file: The page.
         result: What the retest found.
-        pairs: Tests to play, in reading order; those that find no room at the end are left out, which the page says.
+        pairs: Tests to play, in reading order; tests without room at the end are left out, and the page says so.
         rule: How they were chosen, in words.
         made: How the result was made, JSON-compatible.
 

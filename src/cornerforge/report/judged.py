@@ -80,7 +80,7 @@ def faults_in_words(found: Analysed) -> dict[str, int]:
 
 
 def avoided_kinds(found: Avoidability) -> dict[str, int]:
-    """All cases by label, those that cannot be judged as a kind of their own where there are any."""
+    """All cases by label; cases that cannot be judged are a label of their own."""
     return found.labels | ({"cannot be judged": found.not_judged} if found.not_judged else {})
 
 
@@ -110,7 +110,7 @@ def conducts_in_words(found: OwnDoing, words: Mapping[str, str] = CONDUCT_WORDS)
 
 
 def prevented_kinds(found: Prevented) -> dict[str, int]:
-    """Cases that each reference driver would have prevented, and those of them in which its braking did it."""
+    """Cases that each reference driver would have prevented, and among them the cases prevented by its braking."""
     kinds: dict[str, int] = {}
     for name, one in found.by.items():
         kinds |= {name: one.cases, f"{name}, by braking": one.by_braking}

@@ -71,7 +71,7 @@ class Moments:
         self.contact = None if self.partner is None or scenario.crash is None else float(scenario.crash.time)
         """Time of the AV's crash [s]; None: there is none."""
         self.end = self.last if self.contact is None else min(self.contact, self.last)
-        """Time of the contact [s], of the last frame where there is none."""
+        """Time of the contact [s]; without contact, time of the last frame."""
 
     def at(self, time: float) -> Moment:
         """Return the moment at a time since the start of the test [s], within the recording."""

@@ -47,7 +47,7 @@ def _pick_allowed(allowed: NDArray[np.bool_], first: int, end: int, draw: float)
 
 @inlined_kernel
 def _nearest_allowed(acceleration: float, allowed: NDArray[np.bool_]) -> int:
-    """The allowed acceleration action nearest to a wish [m/s2]; the first allowed action when there is none."""
+    """The allowed acceleration action nearest to a wish [m/s2]; else the first allowed action."""
     best = -1
     nearest = 0.0
     for a in range(FIRST_ACCELERATION, N_ACTIONS):

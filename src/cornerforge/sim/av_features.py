@@ -8,7 +8,7 @@ and in the lane of column 6 of the view, which it is seen to enter. Entries, flo
 - Then for each of its lane, the left one, the right one, first ahead, then behind, of the nearest vehicle in view:
   1; bumper-to-bumper distance / 50 m (from -0.1 to 3); 10 m / (10 m + that distance), a negative distance counts as 0;
   (speed minus the AV's) / 10; closing speed / distance [1/s], a distance under 1 m counts as 1 m (from 0 to 2); centre
-  to the left of the AV's / 4 m; lateral speed / 2; acceleration / 4. All 0 where there is none.
+  to the left of the AV's / 4 m; lateral speed / 2; acceleration / 4. All 0 where the vehicle does not exist.
 """
 
 from __future__ import annotations

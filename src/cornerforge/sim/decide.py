@@ -54,7 +54,7 @@ _WORD_MASK = 0xFFFFFFFF
 def _draw_later(tables: NddTables, row: int, word: uint64, noise: float) -> int:
     """Put a table row and a random word into one number, larger than any action, for a look-up by `_drawn`.
 
-    The word is that of the driver's own rank, `noise` its noise level.
+    The word gives the driver's own rank; `noise` is its noise level.
 
     The row is prefetched now: the table is larger than the processor's nearer caches, and the row arrives by the time
     of the look-up.

@@ -411,7 +411,7 @@ def _keep_decisions(
         place = filled[DECISIONS] + k
         critical = decisions.controlled[k]
         h.critical_bv[place] = near[critical] if critical >= 0 else -1
-        # An absent vehicle is never critical, so this action is always that of a present vehicle.
+        # An absent vehicle is never critical, so this action always belongs to a present vehicle.
         h.critical_bv_action[place] = decisions.action[k, critical] if critical >= 0 else -1
         h.log_prob[place] = decisions.log_prob[k]
         row.log_prob_policy += decisions.log_prob_policy[k]

@@ -67,9 +67,9 @@ class Decisions(NamedTuple):
         controlled: Slot of the critical BV, (K,); -1 for none.
         log_prob: Natural log of the probability of the critical BV's action under the NDE, given what the AV chose at
             that moment, (K,); 0 without a critical BV.
-        shortfall: Log-probability of the likeliest action minus that of the action taken, human errors included
-            [nats], (K,), at least 0, +inf where the action is impossible; 0 without a critical BV. It is the action's
-            cost to a likelihood budget, which does not know what the AV chose at that moment.
+        shortfall: Log-probability of the likeliest action minus that of the taken one, human errors included [nats],
+            (K,), at least 0, +inf where the action is impossible; 0 without a critical BV. It is the action's cost to a
+            likelihood budget, which does not know what the AV chose at that moment.
         log_prob_policy: Natural log of the action's probability under the policy, (K,); 0 without a policy.
     """
 

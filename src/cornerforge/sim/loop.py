@@ -181,7 +181,7 @@ def look_as_bv(
     """Note the critical BV as the controlled one, and fill its observation and action mask.
 
     Returns:
-        Its slot; NO_VEHICLE when there is none, and then nothing is filled.
+        Its slot; NO_VEHICLE without one, and then nothing is filled.
     """
     state = w.state[0]
     bv = nearest_bv(w)

@@ -82,7 +82,7 @@ def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out:
     dx / 50 and dx / 10 (clipped to +-3), dy / 4, speed difference / 10, target lanes' difference, lengthwise overlap
     (0 or 1); whether the BV, and the AV, changes lanes (0 or 1); what is left of the likelihood budget / 10 nats, at
     most 1, and 1 without a budget. Then for each of the 4 vehicles nearest to the BV: dx / 50, dy / 4 and speed
-    difference / 10 to the BV, target lane minus BV's, and 1; all 0 where there is none.
+    difference / 10 to the BV, target lane minus BV's, and 1; all 0 where there is no vehicle.
 
     Args:
         w: The world.
@@ -209,7 +209,7 @@ def spend_budget(
 ) -> None:
     """Take the cost of an allowed action (`surprise`) from the world's likelihood budget, if it has one.
 
-    Call it before the action is carried out. The probabilities are those of `allowed_actions`.
+    Call it before the action is carried out. The probabilities come from `allowed_actions`.
 
     Args:
         w: The world at the moment of the decision.

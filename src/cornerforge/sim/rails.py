@@ -69,7 +69,7 @@ def rails_of(start: NDArray[np.void], poses: NDArray[np.float64], first: int = 0
 
 
 def set_speed_of(start: NDArray[np.void]) -> float | None:
-    """Look up the set speed of the AV in a start on rails [m/s]; None: it drives at its own."""
+    """Look up the set speed of the AV in a start on rails [m/s]; None: the AV drives at its own speed."""
     speed = float(start[0]["desired_speed"])
     return speed if speed > 0.0 else None
 

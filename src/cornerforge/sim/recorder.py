@@ -134,10 +134,10 @@ def case_of(scenario: Scenario, *, whole: bool = False) -> Harvest:
 
     Args:
         scenario: Recording that ends in a crash of the AV.
-        whole: Store all its vehicles, not only those that come within `harvest.NEAR_M` of the AV.
+        whole: Store all its vehicles, not only vehicles within `harvest.NEAR_M` of the AV.
 
     Returns:
-        A harvest of one case; its slots are those of the scenario.
+        A harvest of one case, with the scenario's slots.
 
     Raises:
         InputError: As for `recording_of`.

@@ -92,10 +92,10 @@ class Script:
         action: Action index of each vehicle at each decision (1 s apart), int8 (K, N), K at least 1; NATURAL for the
             likeliest. The AV's column is ignored: the AV decides by itself.
         seed, test: Its name, of which an AV from outside is told a number (`foreign.driver.seeds_of`).
-        poses: Rails of the others, float64 (F, N, POSE_NUMBERS), with at least 10 K + 1 frames; None: they act. The
-            AV's own, column 0, are read only where it drives as recorded. On
-            rails `action` says only how long the script is, and `desired_speed` of the AV's start, if it is above 0,
-            at which speed the AV is set to drive [m/s].
+        poses: Rails of the others, float64 (F, N, POSE_NUMBERS), with at least 10 K + 1 frames; None: the others follow
+            their actions. The AV's own, column 0, are read only where it drives as recorded. On rails `action` says
+            only how long the script is, and `desired_speed` of the AV's start, if it is above 0, at which speed the AV
+            is set to drive [m/s].
     """
 
     slot: NDArray[np.int16]
@@ -194,7 +194,7 @@ def _sizes(script: Script) -> list[tuple[float, float]]:
 
 
 def _fit(setting: Setting, sizes: Sequence[tuple[float, float]]) -> Setting:
-    """Let the road hold vehicles of these sizes, if they are not those of its cars."""
+    """Let the road hold vehicles of these sizes, if its cars have others."""
     road = setting.road
     if set(sizes) == {(road.length, road.width)}:
         return setting

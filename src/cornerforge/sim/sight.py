@@ -74,7 +74,7 @@ def is_seen_changing(v: NDArray[np.void], j: int, lane_width: float, sight: Sigh
 
 @inlined_kernel
 def lanes_seen(v: NDArray[np.void], j: int, lane_width: float, sight: SightNumbers) -> int:
-    """Find the lanes that vehicle j is seen in, as a bit mask: those that its body touches, and the one it enters.
+    """Find the lanes that vehicle j is seen in, as a bit mask: lanes that its body touches, and the lane it enters.
 
     Seen by decision, they are all lanes that it occupies (`VEHICLE.lanes`); by centre, the lane of its centre.
     """

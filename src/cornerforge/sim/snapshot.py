@@ -59,7 +59,7 @@ def unpacked(content: bytes, setting: Setting | None = None) -> World:
 
     Args:
         content: The bytes.
-        setting: The run in which the world is driven on; its road must be that of the world. None: not checked.
+        setting: The run in which the world is driven on; it must have the world's road. None: not checked.
 
     Raises:
         FileFormatError: The bytes are no world, damaged, of a version with another state, or hold a value that no

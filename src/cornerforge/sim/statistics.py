@@ -112,7 +112,7 @@ CUT_INS = (
 )
 """Closing cut-ins, at the moment when the centre of a BV crosses into another lane: bumper-to-bumper gap to the nearest
 vehicle behind there (at most 75 m, 0 where they overlap lengthwise), that vehicle's time gap, 1/TTC, and its speed
-minus that of the BV, which is positive. The AV counts neither as the one that changes lanes nor as the one behind."""
+minus the BV's, which is positive. The AV counts neither as the one that changes lanes nor as the one behind."""
 CUT_IN_BANDS = (5.0, 15.0, 25.0, 35.0)
 """Edges of the bands of the speed of the vehicle that cuts in [m/s]; other speeds are not counted."""
 FARTHEST_CUT_IN = 75.0

@@ -97,9 +97,9 @@ def _draw_neighbour(
 ) -> tuple[float, float, float]:
     """Draw the next vehicle ahead of (or behind) a vehicle that drives at `speed`: gap [m], speed [m/s], quantile.
 
-    The follower is of class `kind`. The quantile is that of its time gap among all followers' of its class, -1 where it
-    does not follow, or no driver has a habit. The chain of speeds is reversible, so the same distribution serves both
-    directions.
+    The follower is of class `kind`. The quantile is the rank of its time gap among all followers of its class, -1 where
+    it does not follow, or no driver has a habit. The chain of speeds is reversible, so the same distribution serves
+    both directions.
 
     Raises:
         UndrawableError: `_MAX_TRIES` draws in a row were refused.

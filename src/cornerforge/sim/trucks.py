@@ -37,7 +37,7 @@ def possible_actions(v: NDArray[np.void], i: int, road: RoadNumbers) -> tuple[in
 
 @inlined_kernel
 def cut_to_class(v: NDArray[np.void], i: int, action: int, road: RoadNumbers) -> int:
-    """Return an acceleration's action, or that of the limit of vehicle i's class beyond which it is."""
+    """Return an acceleration's action, cut to the limits of vehicle i's class."""
     if action < FIRST_ACCELERATION:
         return action
     hardest, strongest = possible_actions(v, i, road)

@@ -106,7 +106,7 @@ UNDRAWN = 7
 IDLE = -1
 """Outcome code of a world that drives no test."""
 NO_VEHICLE = -1
-"""Slot number where there is none."""
+"""Slot number that stands for no vehicle."""
 NO_ACTION = -1
 """Action index of a vehicle that has decided nothing, and of the AV."""
 UNKNOWN = -2

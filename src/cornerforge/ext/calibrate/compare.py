@@ -41,7 +41,7 @@ Ints = NDArray[np.int64]
 SLOWEST = SPEED_GRID.lower
 """Speed from which the model's tables hold [m/s]."""
 FREE_RUNNING_SHARE = 0.9
-"""Least share of a file's decisions from 19.5 m/s on; with less its speeds are not those of free-running traffic."""
+"""Least share of a file's decisions from 19.5 m/s on; with less its speeds are not typical of free-running traffic."""
 FEWEST_STATES = 200
 """Least number of simulated states in a speed class; a class with fewer is left out."""
 FEWEST_OBSERVATIONS = 100

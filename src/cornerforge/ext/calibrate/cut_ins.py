@@ -1,4 +1,4 @@
-"""Closing cut-ins at the lane crossing, against those of instrumented cars."""
+"""Closing cut-ins at the lane crossing, compared with cut-ins that instrumented cars recorded."""
 
 from __future__ import annotations
 

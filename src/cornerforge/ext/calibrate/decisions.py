@@ -26,13 +26,13 @@ class Decisions:
 
     Attributes:
         speed: Subject speed [m/s].
-        gap: Bumper-to-bumper distance to the leader [m]; +inf when there is none.
+        gap: Bumper-to-bumper distance to the leader [m]; +inf without a leader.
         range_rate: Lead minus subject [m/s]; 0 where there is no leader.
         acceleration: Mean over the next second [m/s2].
         vehicle: Number of the driver, unique within the file: the unit to resample in a bootstrap.
         held_out: True for decisions that no fit may use.
-        before: The same driver's decision a second before, (n, 4): speed, gap, range rate, acceleration; NaN where
-            there is none. None stands for none anywhere.
+        before: The same driver's decision a second before, (n, 4): speed, gap, range rate, acceleration; NaN without
+            one. None: no decision has one.
     """
 
     speed: Floats = field(metadata={"unit": "m/s"})
@@ -98,7 +98,7 @@ def smooth_tracks(vehicle: Ints, tick: Ints, position: Floats, step: float, wind
 
 
 def leader_by_lane(recording: Ints, lane: Ints, tick: Ints, position: Floats) -> Ints:
-    """Return the row of the next vehicle ahead in the same lane at the same time, shape (n,); -1 if there is none."""
+    """Return the row of the next vehicle ahead in the same lane at the same time, shape (n,); -1 for none."""
     order = np.lexsort((position, lane, tick, recording))
     here, ahead = order[:-1], order[1:]
     same = (recording[here] == recording[ahead]) & (lane[here] == lane[ahead]) & (tick[here] == tick[ahead])

@@ -60,7 +60,7 @@ def is_companion(path: Path) -> bool:
 
 
 def read_recording_meta(tracks: Path) -> RecordingMeta | None:
-    """Read the meta file beside a tracks file (`01_tracks.csv`: `01_recordingMeta.csv`); None if there is none.
+    """Read the meta file beside a tracks file (`01_tracks.csv`: `01_recordingMeta.csv`); None if it does not exist.
 
     Each of the two may be packed (`.csv.gz`).
 
@@ -109,7 +109,7 @@ def _beside(tracks: Path, what: str) -> Path | None:
     if named is None:
         return None
     plain = tracks.with_name(f"{named.group(1)}_{what}.csv")
-    # A link that leads nowhere is there, too: reading it says what is wrong.
+    # A broken link counts as existing: reading it reports the error.
     found = [path for path in (plain, plain.with_name(f"{plain.name}.gz")) if os.path.lexists(path)]
     if len(found) == 2:
         raise DataError(f"{found[0]} stands there twice, plain and packed; remove one of them.")

@@ -53,8 +53,8 @@ class ImportReport:
     """The source of each part of an imported model.
 
     Attributes:
-        files: For each array found: `name`, `sha256`, and what was done with it (rows, empty, renormalised, filled,
-            misfit; see `ivbss_rows`, `ivbss_lane_change`, `ivbss_initial`).
+        files: For each array found: `name`, `sha256`, and its treatment (rows, empty, renormalised, filled, misfit; see
+            `ivbss_rows`, `ivbss_lane_change`, `ivbss_initial`).
         missing: Arrays that no file holds; what depends on them comes from the base model.
         filled: Everything that comes from the base model, in plain words.
         unused: Files that were not used because a preferred file holds the same array.
@@ -85,7 +85,7 @@ def import_arrays(
 
     Args:
         folder: `NDD_DATA` of the released data, one above it, or any folder with files of these names.
-        base: Model that fills what is missing.
+        base: Model that fills missing tables.
         progress: Called with a sentence on each step of the work.
 
     Returns:
@@ -99,7 +99,7 @@ def import_arrays(
     paths, unused = find_arrays(folder)
     files: dict[str, dict[str, Any]] = {}
     for role, path in paths.items():
-        check_array(path)  # a file that is none may have any size
+        check_array(path)  # a wrong file may have any size
         tell(f"Hashing {path.name}")
         files[role] = {"name": path.name, "sha256": file_sha256(path)}
     accelerations = {"following": base.following, "free": base.free}
@@ -129,9 +129,8 @@ def _as_theirs(base: NddModel) -> NddModel:
     """Take out of a model what the authors' drivers do not have.
 
     That is memory, desired speeds, streams, turning back, and lengths of lane changes, indicators, noise levels and
-    vigilance of their own. Their initial speeds and time gaps are those of one driver after the other, so the spread of
-    speeds within a test is that of all drivers. Drivers that never turn back may not overlook more than one neighbour
-    in 10,000.
+    vigilance of their own. Their initial speeds and time gaps come from one driver after the other, so speeds within a
+    test spread as over all drivers. Drivers that never turn back may not overlook more than one neighbour in 10,000.
     """
     start = base.initial
     initial = replace(

@@ -3,7 +3,7 @@
 The tables hold P(change) by speed and the states to two neighbours at a time: leader (no adjacent vehicle), leader and
 adjacent leader, leader and adjacent follower, both adjacent ones. Our model is a product (`NddModel`):
 base(speed) desire(leader) accept_lead(adjacent leader) accept_rear(adjacent follower). The reduction keeps the tables'
-totals and loses what is not a product; `misfit` says how much:
+totals and loses all that is not a product; `misfit` says how much:
 
 - base and desire: the product nearest (least Kullback-Leibler divergence) to the first table, so that the total chance
   is kept for each speed and each state. Only their product has a meaning; desire is scaled to the mean of the base

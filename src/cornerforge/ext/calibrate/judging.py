@@ -1,4 +1,4 @@
-"""One check of `ndd validate`: a quantity, what was found of it, what is allowed, and what is published."""
+"""One check of `ndd validate`: a quantity, its found value, the allowed range, and the published value."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def judged(
         fact, unit: The quantity, in words.
         published: Its published value, or the ends of several; None for none.
         source: Of the published value.
-        found: What was found; None: it was not seen at all.
+        found: What was found; None: the quantity was not seen at all.
         n: Number of states, events or pairs behind it.
         interval95: Its interval; None: unknown.
         allowed: Ends of the allowed range, both allowed; None: shown only.

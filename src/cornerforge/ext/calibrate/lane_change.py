@@ -87,8 +87,8 @@ class LaneChange:
     def accept_lead(self, *, sure: float = _SURE) -> Floats:
         """Return the acceptance of the gap to the vehicle ahead by (gap, range rate), shape (116, 19).
 
-        What more than the share `sure` accept, all accept: a gap that is accepted for sure leaves a vehicle out of the
-        sum over those that may start at the same moment (`sim.chances`). With 1 the acceptance is smooth.
+        A gap that more than the share `sure` accept, all accept: a vehicle with a surely accepted gap is left out of
+        the sum over vehicles that may start at the same moment (`sim.chances`). With 1 the acceptance is smooth.
         """
         usual = _critical_gap(RANGE_RATES, self.lead_standstill, self.lead_reaction, self.accept_braking)
         return _accept(usual, self.lead_doubt, sure)

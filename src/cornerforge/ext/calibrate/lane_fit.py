@@ -118,7 +118,7 @@ class LaneChangeFit:
         }
 
     def notes(self) -> tuple[str, ...]:
-        """Say in plain sentences what was fitted, and what was left out; `parts` says where the rest comes from."""
+        """Describe in plain sentences the fit and the left-out changes; `parts` says where the rest comes from."""
         if not self.fitted:
             return self._left_out()
         untold = [name for name, number in self.numbers.items() if not number.told_by_data]

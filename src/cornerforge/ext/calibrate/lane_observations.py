@@ -72,8 +72,8 @@ class Transition:
     """The vehicles of two lanes at the moment `START_BEFORE` seconds before one of them changed from one to the other.
 
     Attributes:
-        vehicle: The one that changed; unique within the file.
-        along: Centres, the one that changed first [m], shape (m,).
+        vehicle: Vehicle that changed; unique within the file.
+        along: Centres [m], the changed vehicle's first, shape (m,).
         speed: Speeds [m/s], shape (m,).
         length: Lengths [m], shape (m,).
         in_target: Which are in the lane that it changed to, shape (m,).
@@ -211,7 +211,7 @@ def _along(
 def lane_crossings(t: LaneTracks, step: NDArray[np.bool_], *, before_s: float = START_BEFORE) -> list[tuple[int, int]]:
     """Return for each lane change the row `before_s` seconds before it, and the new lane.
 
-    Where the track begins later, the row is that of the change itself, made negative.
+    Where the track begins later, the value is minus the row of the change itself.
     """
     dwell = max(round(DWELL * t.per_second), 1)
     before = round(before_s * t.per_second)

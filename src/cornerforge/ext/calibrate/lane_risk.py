@@ -33,8 +33,8 @@ Bools = NDArray[np.bool_]
 BEGINS_BEFORE = InitialState().change_median / 2.0
 """Time from the start of a lane change to the crossing [s]: half of the median duration."""
 _IN_BOTH = 1.0
-"""Time before and after the crossing for which a vehicle is seen in both lanes [s], less than `BEGINS_BEFORE`: else one
-that begins to change would stand in its own way."""
+"""Time before and after the crossing for which a vehicle counts as in both lanes [s], less than `BEGINS_BEFORE`: else a
+vehicle that begins to change would block itself."""
 LENGTHS = (2.0, 25.0)
 """Lengths of the vehicles that give lane changes and gaps [m]."""
 _SIGHT = float(GAPS[-1]) + LENGTHS[1]

@@ -42,7 +42,7 @@ class Scene:
         across: Column of the position across the road, and its factor to SI; None: `across` of the layout's numbers.
         width: Column of a vehicle's width, and its factor; None: not given.
         kind: Column of a vehicle's class; None: not given.
-        kinds: What that column says -> class (`types.CLASSES`); what is not named here is a car.
+        kinds: Value of that column -> class (`types.CLASSES`); all other values are cars.
         one_road: All recordings of a file are of one road, in the same coordinates.
     """
 
@@ -71,7 +71,7 @@ class Layout:
         front: Positions are of the front bumper; else of the centre.
         corner: Positions are of the box's corner with the smallest coordinate, whatever the direction of travel.
         ordered: Rows of a vehicle usually stand in time's order, so that a file where they do not is worth a note.
-        scene: What it says of all vehicles on the road; None: it does not say where they are.
+        scene: What it says of all vehicles on the road; None: the file does not give the places.
     """
 
     name: str

@@ -70,7 +70,7 @@ def ndd_fit(options: NddFit) -> NddFitted:
 
 
 def fit_text(result: NddFitted) -> str:
-    """Tell the result of `ndd_fit` in text: rows, what was left out and where, parts of the model, notes."""
+    """Tell the result of `ndd_fit` in text: rows, left-out rows and their places, parts of the model, notes."""
     lines = [f"{result.rows_used:,} of {result.rows_read:,} rows used, {result.states:,} states"]
     lines += [
         f"Left out of {name}: {reason}, {entry.rows:,} row(s), first at line {entry.first_line}"

@@ -150,7 +150,7 @@ def _lane_changes(changes: LaneChangeFit) -> tuple[ModelPart, ...]:
 
 
 def _start(training: Decisions) -> str:
-    """Put the files' speeds and time gaps beside those of the start, which they do not move."""
+    """Compare the files' speeds and time gaps with the start's, which they do not change."""
     start = InitialState()
     fast = training.where(training.speed >= SPEED_GRID.lower)
     why = (

@@ -2,8 +2,8 @@
 
 Positions of tracks are smoothed (Savitzky-Golay, order 2; the window stands in the layout) before speeds are taken, as
 the data's own speeds are noisy. A test split that a file marks itself is held out; else the end of the recording is.
-Rows that cannot be used are left out, counted and named (`row_checks`); what is odd about a file as a whole is a
-warning, and stands in `Reading.notes`.
+Rows that cannot be used are left out, counted and named (`row_checks`); oddities of a whole file are warnings, and
+stand in `Reading.notes`.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Reading:
         rows_read: All rows.
         bad: Rows left out, by reason.
         vehicles: Vehicles of the other rows; of pairs, pairs.
-        notes: What is odd about the file as a whole, one or two plain sentences each; also given as warnings.
+        notes: Oddities of the file as a whole, one or two plain sentences each; also given as warnings.
     """
 
     path: Path
@@ -93,7 +93,7 @@ class Reading:
 def read_decisions(
     paths: Sequence[Path], data_format: str | None = None, *, window_factor: float = 1.0
 ) -> list[Reading]:
-    """Read trajectory files; warns of what is odd about a file as a whole, such as units that look like feet.
+    """Read trajectory files; warn of oddities of a file as a whole, such as units that look like feet.
 
     Args:
         paths: The files, CSV or gzipped CSV. highD's meta files among them are read with their tracks.
@@ -170,7 +170,7 @@ class Rows:
     Attributes:
         layout: The layout it was recognised as, with the file's own frame rate.
         table: The rows; those left out are named in it. More may be dropped from it.
-        notes: What is odd about the file as a whole.
+        notes: Oddities of the file as a whole.
         meta: highD's meta file, if there is one.
     """
 

@@ -128,7 +128,7 @@ def _sources(report: FitReport) -> str:
 
 
 def _lane_changes(changes: LaneChangeFit) -> str:
-    """Table of fitted numbers, with intervals and the prior, and what was left out; or why they were not fitted."""
+    """Table of fitted numbers, with intervals, the prior and left-out changes; or the reason why there is no fit."""
     text = "".join(f"<p>{escape(note)}</p>" for note in changes.notes())
     if not changes.fitted:
         return f"<p>Not fitted: {escape(changes.why)}.</p>{text}"
@@ -174,7 +174,7 @@ def _share(part: NDArray[np.int64], whole: NDArray[np.int64]) -> str:
 
 
 def _map(panel: Any, counts: NDArray[np.int64], grid: NDArray[np.float64], label: str) -> Any:
-    """Counts (k, 21) over speed and a grid of k places, on a log scale; blank where there are none."""
+    """Counts (k, 21) over speed and a grid of k places, on a log scale; blank where the count is 0."""
     from matplotlib.colors import LogNorm
 
     shown = np.ma.masked_equal(counts.astype(np.float64), 0.0)

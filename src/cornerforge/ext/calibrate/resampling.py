@@ -75,7 +75,7 @@ def owner_sums(rows: Floats, owner: Ints, owners: int) -> Floats:
 
 
 def distance(observed: Floats, expected: Floats, width: float, unit: str) -> Distance:
-    """Distance between what was observed and what was expected, over equal bins.
+    """Distance between observed and expected counts, over equal bins.
 
     Args:
         observed: Counts by vehicle and bin, shape (V, k), V at least 1 and one count at least.

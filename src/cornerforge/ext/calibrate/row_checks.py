@@ -55,7 +55,7 @@ def check_rows(table: Table, layout: Layout) -> list[str]:
         if name == "spacing":  # only a row with a leader has a spacing
             missing &= table.texts["leader"] >= 0
         table.drop(f"{layout.numbers[name][0]} is not a number", missing)
-    notes = _unit_notes(table, layout)  # before what is out of range, such as all speeds in feet, is gone
+    notes = _unit_notes(table, layout)  # before values out of range, such as all speeds in feet, are gone
     _check_ranges(table, layout)
     _drop_twins(table, layout)
     notes += _sort(table, layout)

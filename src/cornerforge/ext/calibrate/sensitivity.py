@@ -50,7 +50,7 @@ def fit_sensitivity(
     Args:
         paths: As for `fit_model`.
         data_format: As for `fit_model`.
-        prior_strength: The one that the fit in question uses.
+        prior_strength: Number that the fit in question uses.
         strengths: Other strengths to try.
         window_factors: Of the smoothing windows, to try.
         lane_changes: As for `fit_model`.

@@ -165,7 +165,7 @@ def _lane_change(model: NddModel) -> dict[str, Any]:
 
 
 def _half_gap(accept: NDArray[np.float32]) -> float | None:
-    """Smallest gap [m] accepted with a chance of one half or more; None if there is none on the grid."""
+    """Smallest gap [m] accepted with a chance of one half or more; None if no gap of the grid is accepted."""
     enough = np.flatnonzero(accept >= 0.5)
     return float(GAPS[enough[0]]) if enough.size else None
 

@@ -1,10 +1,10 @@
 """How far drivers differ in their noise level (`memory.own_rank`), estimated from decisions: a mixed model by moments.
 
 A decision is outer (1, else 0) if its acceleration lies in the outer quarters of the fitted law's distribution. The
-mean in states of like speed, gap and range rate is taken off, as the law may be too wide or too narrow there. Of what
-is left, products of two decisions of one driver, so far apart that memory has faded, have a mean: the variance between
-drivers of the chance of an outer decision, (1 + t) / 2 for noise level t. That is the random intercept of a mixed model
-(Searle, Casella and McCulloch 1992, Variance Components). See docs/adr/0029-traits.md.
+mean in states of like speed, gap and range rate is taken off, as the law may be too wide or too narrow there. Of the
+remainders, products of two decisions of one driver, so far apart that memory has faded, have a mean: the variance
+between drivers of the chance of an outer decision, (1 + t) / 2 for noise level t. That is the random intercept of a
+mixed model (Searle, Casella and McCulloch 1992, Variance Components). See docs/adr/0029-traits.md.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = ["APART", "FEWEST_DRIVERS", "SHORTEST", "NoiseSpread", "fit_noise_spre
 Floats = NDArray[np.float64]
 
 APART = 10
-"""Decisions of a driver count as apart from this many seconds on. On I-80 what is left of their products falls from
+"""Decisions of a driver count as apart from this many seconds on. On I-80 the remainder of their products falls from
 0.09 a second apart to the level of the rest, 0.005 and less, within 10."""
 SHORTEST = 30
 """Least number of decisions of a driver, for some hundred pairs apart."""

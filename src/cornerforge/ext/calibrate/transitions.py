@@ -68,7 +68,7 @@ def chance_of(transition: Transition, setting: Setting) -> float:
 
 
 def compare_transitions(run: Experiment, names: Sequence[str], readings: Sequence[Reading]) -> list[dict[str, Any]]:
-    """Compare the share of recorded lane changes that the model calls impossible with what is allowed, file by file.
+    """Compare the share of recorded lane changes that the model calls impossible with the allowed share, file by file.
 
     Files without lanes or lane changes have no row. A vehicle outside the recorded stretch counts as absent, so the
     true share is no smaller. The interval is the exact binomial one.

@@ -34,7 +34,7 @@ class Uncertain:
         width: Standard deviation of its natural logarithm.
         measured: The width comes from data; else it is a judgement.
         source: Source of the width, in words.
-        most, least: Largest and smallest value allowed; what is drawn beyond becomes this.
+        most, least: Largest and smallest value allowed; draws beyond them are cut to them.
     """
 
     part: str
@@ -79,7 +79,7 @@ UNCERTAIN: tuple[Uncertain, ...] = (
     _judged("lane_change", "lead_standstill", 0.15, "matched by hand to recorded cut-ins (ADR 24)"),
     _judged("lane_change", "rear_reaction", 0.40, "only its being long is told by recorded cut-ins (ADR 24)"),
 )
-"""What is uncertain of the shipped model, and by how much."""
+"""Uncertain numbers of the shipped model, and their spread."""
 DESIGN_EFFECT = 1.12
 """So many decisions in one state of the table tell as much as one of independent drivers: 1.34 are of one driver, with
 a correlation of 0.35 (benchmarks/model_widths.py)."""
@@ -151,7 +151,7 @@ def drawn_variations(model: NddModel, seed: int, k: int) -> tuple[Variation, ...
         k: Number of the draw, 0 or more; each is independent of the others.
 
     Returns:
-        One variation a number that is above 0, in the order of `widths`; a value stays within what is allowed.
+        One variation a number that is above 0, in the order of `widths`; a value stays within its allowed range.
     """
     rng = _generator(seed, k, 0)
     found = []

@@ -4,8 +4,8 @@ Two parts are scored: the `law` in the model's provenance, on every following de
 tables end), and the `table` that the simulator uses, on the grid, given the driver's own decision a second before.
 `table_without_past` shows what that brings, `law_on_grid` how much the look-ups cost. Each part is compared with
 stochastic IDMs, with a table of raw counts and with uniform guessing, on the same decisions. The IDMs get the true
-state. They are those that the model file holds, fitted to the model's own training data; of a file without them, they
-are fitted to the decisions of the scored files that are not scored.
+state. The model file holds them, fitted to the model's own training data; for a file without them, they are fitted to
+the decisions of the scored files that are not scored.
 """
 
 from __future__ import annotations

@@ -78,7 +78,7 @@ def ndd_validate(options: NddValidate) -> NddValidated:
 
     Returns:
         What `cornerforge ndd validate --json` prints. `passed` means: more likely than the IDM and than
-        uniform guessing on every file, with the whole 95 % interval, and every gated fact within what is allowed, in
+        uniform guessing on every file, with the whole 95 % interval, and every gated fact within its allowed range, in
         all windows.
 
     Raises:
@@ -258,7 +258,7 @@ def _fact_lines(result: NddValidated) -> list[str]:
 
 
 def _window_lines(facts: Sequence[FactFound]) -> list[str]:
-    """One line for each quantity, with what was found in each window."""
+    """One line for each quantity, with the value found in each window."""
     whens = list(dict.fromkeys(fact.when for fact in facts))
     head = f"  {'found at (! outside what is allowed)':<58}" + "".join(f"{when:>11}" for when in whens)
     lines = [f"{head}  {'least n':>9}  {'allowed':<20}published"]

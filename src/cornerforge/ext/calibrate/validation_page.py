@@ -79,7 +79,7 @@ def figures_of(result: NddValidated) -> dict[str, bytes]:
 
 
 def _facts_figure(result: NddValidated) -> bytes:
-    """Every gated fact on one scale: 0 and 1 are the ends of what is allowed."""
+    """Every gated fact on one scale: 0 and 1 are the ends of the allowed range."""
     gated = [row for row in result.facts if row.theme == "drift" and row.allowed is not None]
     names = list(dict.fromkeys(row.fact for row in gated))
     whens = [part.when for part in result.traffic]
@@ -297,7 +297,7 @@ def _sources(facts: Sequence[FactFound]) -> str:
 
 
 def _drift_table(facts: Sequence[FactFound]) -> str:
-    """One line for each quantity, with what was found in each window and its interval."""
+    """One line for each quantity, with the value found in each window and its interval."""
     whens = list(dict.fromkeys(row.when for row in facts))
     rows = []
     for name in dict.fromkeys(row.fact for row in facts):

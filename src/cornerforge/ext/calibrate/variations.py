@@ -32,8 +32,8 @@ Floats = NDArray[np.float64]
 PARTS = ("lane_change", "safe", "law", "model", "memory", "initial", "fit")
 """What `Variation.part` may be."""
 _REBUILT_WITHIN = 2e-3
-"""Largest difference between tables and what their provenance rebuilds: 10 bits are kept of each number, and a row's
-largest takes what is then missing from 1. One decision in a state without others is worth 1 / 201 at strength 200."""
+"""Largest difference between tables and tables rebuilt from their provenance: 10 bits are kept of each number, and a
+row's largest takes the rest to 1. One decision in a state without others is worth 1 / 201 at strength 200."""
 _MEND = "fit it again (cornerforge ndd fit), or use the shipped model."
 
 

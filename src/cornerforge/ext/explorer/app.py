@@ -67,7 +67,7 @@ class Guard:
         app: The application.
         hosts: Names by which the server may be called, with the port (against DNS rebinding); None: any, since a
             cookie is needed.
-        token: What the address must hold once, and a cookie from then on; None: none is needed.
+        token: What the address must hold once, and a cookie from then on; None: no token is needed.
         port: In the cookie's name, because browsers keep one of a name for all ports of a host.
     """
 
@@ -179,7 +179,7 @@ class _Answers:
         text = kind.startswith("text/")
         return Response(self._page[name], media_type=f"{kind}; charset=utf-8" if text else kind)
 
-    # Starlette calls what is not async in a thread.
+    # Starlette calls functions that are not async in a thread.
 
     def about(self, request: Request) -> Response:  # noqa: ARG002
         return _json(self._exhibit.about())

@@ -38,7 +38,7 @@ _SERVER: dict[str, tuple[str, str]] = {
     "striker": ("", "Whose front struck, or whose motion closed the gap."),
     "side": ("", "Face of the AV that was touched."),
 }
-"""Unit and meaning of what is made here."""
+"""Unit and meaning of the columns made here."""
 _MEANT: dict[str, tuple[str, str]] = {
     "pc1": ("", "First principal component of the last second before the crash, in the plane of its own source."),
     "pc2": ("", "Second principal component, likewise."),
@@ -92,7 +92,7 @@ class CaseTable:
     """All cases.
 
     Attributes:
-        columns: What is known.
+        columns: All known columns.
         table: In that order; categories are dictionaries, numbers float64, integers int32. S rows.
         rows: The row of each case, by source and id.
     """

@@ -76,10 +76,10 @@ class Exhibit:
     """The cases of some sources.
 
     Args:
-        name: Of what is shown.
+        name: Name of the exhibit.
         sources: Its libraries, each with its analysis if there is one.
         driving: What drives.
-        warnings: Plain lines on what is damaged or missing.
+        warnings: Plain lines on damaged or missing files.
     """
 
     def __init__(

@@ -12,7 +12,7 @@ __all__ = ["MOST", "Room", "UnavailableError"]
 
 MOST = 8
 """In one room, with the one at work. One page asks at most six questions at once; three rooms leave 16 of the server's
-40 threads for what is quick."""
+40 threads for quick answers."""
 
 
 class UnavailableError(CornerForgeError):

@@ -109,7 +109,7 @@ def _sources(place: Path) -> list[_Found]:
     """Find the libraries of a folder (its path resolved), natural crashes first.
 
     Raises:
-        InputError: There is none, or none holds a case.
+        InputError: The folder has no library, or none holds a case.
         FileFormatError: One is damaged.
     """
     from cornerforge.ext.explorer import Source, read_analysis
@@ -172,7 +172,7 @@ def _absent(place: Path) -> list[str]:
 
 
 def _behind(exhibit: Exhibit, found: Sequence[_Found], threads: int | None, stopping: threading.Event) -> None:
-    """Load the kernels that answers need, then analyse what is not analysed; for a thread of its own."""
+    """Load the kernels that answers need, then analyse libraries without an analysis; for a thread of its own."""
     from cornerforge.ext.explorer import read_analysis
     from cornerforge.verbs.analyse import analyse
 
@@ -328,7 +328,7 @@ class _Others:
 
 
 def serve_text(found: Served) -> str:
-    """Write where the page is, and what is unusual about it."""
+    """Write the page's address, and unusual facts about it."""
     from cornerforge.ext.explorer.server import PORT
 
     taken = "" if found.usual_port else f"Port {PORT} is taken by another program, so it is port {found.port}.\n"

@@ -36,7 +36,7 @@ class Door:
         listening: The socket.
         host, port: Of the address.
         token: Every request needs it; None on loopback.
-        usual: The port is the one that was asked for, or the usual one.
+        usual: The port is the requested one or the usual one.
     """
 
     listening: socket.socket
@@ -115,7 +115,7 @@ class _Server(uvicorn.Server):
         self._exhibit = exhibit
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        # What is cut off now is meant to be.
+        # Connections are cut off here on purpose.
         logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL + 1)
         self._exhibit.close()
         await super().shutdown(sockets)
@@ -140,7 +140,7 @@ def serve_exhibit(exhibit: Exhibit, door: Door, up: Callable[[], None]) -> None:
     Args:
         exhibit: What is shown.
         door: From `open_door`.
-        up: Called once; what is asked from then on is answered.
+        up: Called once; from then on requests are answered.
 
     Raises:
         OutputError: The page was not built.

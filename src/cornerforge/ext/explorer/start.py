@@ -121,7 +121,7 @@ _BY = {
 
 
 def _most_frequent(cases: _Cases) -> dict[str, Any] | None:
-    """The kind of natural crash that happens most of those that a careful driver would have prevented."""
+    """The most frequent kind among the natural crashes that a careful driver would have prevented."""
     often = cases.numbers("often")
     known = often > 0.0
     column = _kind_column(cases)
@@ -172,7 +172,7 @@ def _own_doing(judged: Sequence[tuple[Source, Analysis]], table: CaseTable) -> d
 
 
 def _most_severe(cases: _Cases, but: str | None) -> dict[str, Any] | None:
-    """The natural crash with the highest chance of injury of those that a careful driver would have prevented.
+    """The natural crash with the highest chance of injury among crashes that a careful driver would have prevented.
 
     Args:
         cases: Of natural traffic.

@@ -49,8 +49,8 @@ from cornerforge.types import FRAME_S
 __all__ = ["FIRST_TEST", "OUTCOMES", "AvBatch", "Batch", "BvBatch", "check_seed", "numbers_of", "read_options"]
 
 FIRST_TEST = 1 << 40
-"""Number of the first test after `reset(seed=...)`: where training takes its tests too, far from those that `simulate`,
-`generate` and evaluations drive, so that nothing is measured on what an agent learnt from."""
+"""Number of the first test after `reset(seed=...)`: where training takes its tests too, far from the tests of
+`simulate`, `generate` and evaluations, so that no agent is measured on tests that it learnt from."""
 MAX_TEST = 1 << 62
 OUTCOMES = {
     COMPLETED: "completed",
@@ -93,7 +93,7 @@ def read_options(options: Mapping[str, Any] | None, known: Sequence[str]) -> dic
 
 
 def numbers_of(actions: object) -> NDArray[Any]:
-    """Make an array of what was given as actions; of what is no array, such as a ragged list, one of objects.
+    """Make an array of given actions; from input that is no array, such as a ragged list, one of objects.
 
     >>> numbers_of([1, 2]).dtype.kind, numbers_of([[1], [1, 2]]).dtype.kind
     ('i', 'O')

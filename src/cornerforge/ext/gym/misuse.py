@@ -1,6 +1,6 @@
 """Errors for misuse of environments: both of `cornerforge.errors` and Gymnasium's own.
 
-Clients of Gymnasium catch the second kind, those of cornerforge the first.
+Clients of Gymnasium catch the second kind, clients of cornerforge the first.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ __all__ = [
 ]
 
 _LATERAL_SPEED = 25.0
-"""Bound above the lateral speed of any lane change [m/s], even one that is aborted and begun again all the time."""
+"""Bound above the lateral speed of any lane change [m/s], even of one that is aborted and begun again all the time."""
 _LANE_ORDER_FROM = 1.0 / 3.0
 """Least size of a lateral command that is a lane order."""
 

@@ -18,7 +18,7 @@ def own_folder(library: Path) -> Path:
 
 
 def analysis_beside(cases: CaseLibrary) -> Path | None:
-    """Find the whole analysis of a library: `analysis` or LIB-analysis in the same folder; None: there is none.
+    """Find the whole analysis of a library: `analysis` or LIB-analysis in the same folder; None: it does not exist.
 
     It must be of the library as it is now. The library's path must have a name (`Path.resolve`).
     """

@@ -48,7 +48,7 @@ class CaseFacts:
         self._often = {case: weight * per_billion for case, weight in weights.items()}
 
     def of(self, case_id: str, stored: StoredCase) -> dict[str, Fact]:
-        """Tell the facts of a case; what is not known is left out, but for how often it happens (None)."""
+        """Tell the facts of a case; unknown ones are left out, except the frequency (None)."""
         scalars = {name: stored.scalars.get(name) for name in _OF_CASE}
         found = {**scalars, **self._analysed.get(case_id, {})}
         return {
@@ -69,7 +69,7 @@ def _fact(value: Any) -> Fact:
 
 
 def _licence(model: Path) -> str | None:
-    """Look up what the licence of the naturalistic model's data is; None: it does not say."""
+    """Look up what the licence of the naturalistic model's data is; None: the library does not say."""
     if not os.path.lexists(model):
         return None
     said = load_model(model).provenance.get("licence")

@@ -34,7 +34,7 @@ AV_WAYS = ("both", "planning")
 """How the AV can be written: recorded, as an obstacle, with a planning problem beside it, or as the problem alone."""
 
 NO_DATE = "1970-01-01"
-"""The schema wants a date. This one says that there is none: the same case gives the same bytes on any day."""
+"""The schema wants a date. This constant stands for no date: the same case gives the same bytes on any day."""
 _OBSTACLE = 100
 _PLANNING = 99
 _AGAIN = 1000
@@ -61,7 +61,7 @@ def write_commonroad(case: OutCase, folder: Path, *, av: str = "both", date: str
     come as their first; the schema knows only step 0 there, CommonRoad's own reader takes both.
 
     Args:
-        case: The case; its name becomes that of the file.
+        case: The case; the file gets its name.
         folder: Where to write; it is made.
         av: One of `AV_WAYS`. "both": all vehicles as recorded, the AV too. "planning": the AV is left out, so that a
             planner can take its place; its size then stands among the facts, and the others go straight on for 3 s
@@ -72,7 +72,7 @@ def write_commonroad(case: OutCase, folder: Path, *, av: str = "both", date: str
         Names of the files written.
 
     Raises:
-        InputError: The case's name is none (`cases.check_name`), or a number is not finite.
+        InputError: The case's name is not allowed (`cases.check_name`), or a number is not finite.
         OutputError: The file cannot be written.
     """
     check_in("way to write the AV", av, AV_WAYS)
@@ -89,7 +89,7 @@ def write_commonroad(case: OutCase, folder: Path, *, av: str = "both", date: str
 
 
 def source_of_facts(facts: dict[str, Fact]) -> str:
-    """Write facts as one line of text, in their order; what is not known is left out.
+    """Write facts as one line of text, in their order; unknown ones are left out.
 
     >>> source_of_facts({"av": "idm", "rate_per_mile": 1e-07, "note": "a; b", "judge": None})
     'cornerforge; av: idm; rate_per_mile: 1e-07; note: a, b'

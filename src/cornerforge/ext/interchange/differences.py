@@ -15,8 +15,8 @@ __all__ = ["rates"]
 def rates(values: NDArray[np.float64], *, bent_ends: bool = False) -> NDArray[np.float64]:
     """Take the rate of change of a quantity at each frame, from the frames before and after it.
 
-    At the ends of a stretch, and so in the first frame, it is the difference to the only neighbour; 0 where there is
-    none.
+    At the ends of a stretch, and so in the first frame, it is the difference to the only neighbour; 0 without
+    neighbour.
 
     Args:
         values: One for each tenth of a second, (F,); NaN where it is not known.

@@ -52,7 +52,7 @@ class CaseFilesOf:
         """Make the case file of a case.
 
         Where the AV that made the library is built in, all others do what they did, so that it crashes again to the
-        bit; else only those that the library stored, and those farther off drive as is likeliest.
+        bit; else only the stored ones do, and vehicles farther off drive as is likeliest.
 
         Args:
             case_id: The case.
@@ -92,7 +92,7 @@ class CaseFilesOf:
 
 
 def _whole(script: Script, driven: Scenario) -> Script:
-    """The same script, with what all others did, not only those that were stored."""
+    """The same script, with the actions of all others, not only of the stored ones."""
     action = np.full((max(len(script.action), len(driven.action)), script.slot.size), NATURAL, dtype=np.int8)
     action[: len(driven.action)] = driven.action
     return replace(script, action=action)

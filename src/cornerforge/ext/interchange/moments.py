@@ -90,7 +90,7 @@ class Moments(NamedTuple):
 
 
 class _Pairs(NamedTuple):
-    """Pairs of rows of a `Traffic`, the ego's and that of one ahead, and the measure: larger is worse."""
+    """Pairs of rows of a `Traffic`, an ego's and a vehicle's ahead, and the measure: larger is worse."""
 
     ego: Ints
     other: Ints
@@ -352,7 +352,7 @@ def _overlaps(poses: Floats, length: Floats, width: Floats) -> bool:
 
 
 def _cases(windows: Sequence[_Window], measure: str) -> list[MovingCase]:
-    """Make cases of windows; those of one road share one ODD, so that one library can hold them."""
+    """Make cases of windows; cases of one road share one ODD, so that one library can hold them."""
     roads: dict[tuple[int, float], list[_Window]] = {}
     for window in windows:
         roads.setdefault((window.traffic.lanes, window.traffic.lane_width), []).append(window)

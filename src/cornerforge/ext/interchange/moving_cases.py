@@ -1,4 +1,4 @@
-"""Moving cases are driven, and those that end in a crash of the AV become libraries on rails."""
+"""Moving cases are driven, and cases that end in a crash of the AV become libraries on rails."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class CaseOutcome:
         outcome: CRASH, NO_CRASH or UNKNOWN.
         words: What happened.
         happened: The same as numbers; None where the AV's motion is unknown.
-        library: Library that holds it; None: it is no crash.
+        library: Library that holds it; None without crash.
         case_id: Its name there.
     """
 
@@ -87,7 +87,7 @@ def library_of(
     progress: Progress = NO_PROGRESS,
     world: WorldOptions | None = None,
 ) -> CasesDriven:
-    """Drive moving cases with an AV, and store those that end in a crash of the AV as a library on rails.
+    """Drive moving cases with an AV, and store cases that end in a crash of the AV as a library on rails.
 
     The cases of a library share a road: those with as many lanes of the same width. The library has room for the
     longest and fastest of them. Each road gets a library of its own.

@@ -16,7 +16,7 @@ FIRST_METRE, LAST_METRE = -1000.0, 5000.0
 """From where to where the road of a case reaches [m], if that is enough."""
 _STEP = 1000.0
 _SPEED_OF_NAME = 40.0
-"""A road with this speed limit [m/s], that of the built-in ODDs, does not name it."""
+"""Speed limit of the built-in ODDs [m/s]; a road with this limit does not name it."""
 
 
 def lane_id(lane: int, lanes: int) -> int:

@@ -32,7 +32,7 @@ MODES: Final = ("recorded", "controller", "relative")
 AV_NAME: Final = "Ego"
 """Name of the AV; the others are BV and their slot."""
 NO_DATE: Final = "1970-01-01T00:00:00Z"
-"""The standard wants a date. This one says that there is none: the same case gives the same bytes on any day."""
+"""The standard wants a date. This constant stands for no date: the same case gives the same bytes on any day."""
 _AFTER_CONTACT = 5
 """Frames that go on after a contact; more would drive boxes through each other."""
 _AFTER_END = 30
@@ -142,9 +142,9 @@ def write_openscenario(
 
     A vehicle that comes later is added then, one that goes is deleted; one that comes again is another entity.
     Indicators are written from version 1.2 on, while a vehicle is not in the lane it goes to, but not for an AV with a
-    controller. The schema of 1.2 wants an animation and a light of the user's own beside each light, that of 1.3 wants
-    one of them: in 1.2 both are there, named "none", and esmini then leaves out the light. Masses are written from 1.1
-    on. Heights, axles and masses are those usual in a class.
+    controller. The schema of 1.2 wants an animation and a light of the user's own beside each light, the schema of 1.3
+    wants one of them: in 1.2 both are there, named "none", and esmini then leaves out the light. Masses are written
+    from 1.1 on. Heights, axles and masses are those usual in a class.
 
     Args:
         case: The case.
@@ -159,7 +159,7 @@ def write_openscenario(
 
     Raises:
         InputError: The version or mode is not known, the case's name is no file name, a number is not finite, the AV is
-            not there in the first frame, or the date is none.
+            not there in the first frame, or the date is invalid.
         OutputError: A file cannot be written.
     """
     check_in("OpenSCENARIO version", version, VERSIONS)
@@ -283,7 +283,7 @@ description={xosc.quoted(f"Case {self.case.name}")}>{in_header}</FileHeader>
             '<Properties><Property name="placeholder" value="true"/></Properties></Controller></ObjectController>'
         )
 
-    # What is so at the start
+    # State at the start
 
     def _init(self, track: _Track) -> str:
         driven = track.column == 0 and self.controller is not None

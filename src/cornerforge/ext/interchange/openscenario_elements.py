@@ -42,7 +42,7 @@ def quoted(text: str) -> str:
 
 
 def properties(facts: Iterable[tuple[str, Fact]]) -> str:
-    """Write facts as properties; what is not known is left out.
+    """Write facts as properties; unknown ones are left out.
 
     >>> properties([("seed", 3), ("likely", True), ("made_by", None)])
     '<Property name="seed" value="3"/><Property name="likely" value="true"/>'

@@ -37,7 +37,7 @@ _KINDS = {
 }  # fmt: skip
 _AS_THEY_ARE = ("car", "truck", "motorcycle")
 _SIZE = (5.0, 2.0)
-"""Length and width [m] of an AV of which the file says only where it starts: those of our cars."""
+"""Length and width [m] of our cars, for an AV of which the file gives only the start."""
 _SAME_PLACE = 0.1
 """An obstacle that starts this near to the planning problem [m] is the AV, recorded."""
 _FARTHEST = 1e7
@@ -157,7 +157,7 @@ def read_commonroad(path: Path, *, ego: int | None = None) -> MovingCase:
 
 
 def _note_the_rest(root: Element, notes: _Notes) -> None:
-    """Note what is never carried over."""
+    """Note elements that are never carried over."""
     for element in root.children:
         if element.tag not in _PLACED:
             notes.say(element, f"{_named(element)} is not carried over.")

@@ -6,7 +6,7 @@ named, as in `ext.calibrate.readers`.
 
 The simulator's road is straight. Coordinates that are already along and across a road (NGSIM's `Local_Y` and
 `Local_X`, `s_m` and `d_m`) are taken as they are: a bend is straightened by definition, distances in a lane stay what
-they were in those coordinates. Where coordinates are those of a picture (highD, TGSIM), the road must run along one of
+they were in those coordinates. Where a file has a picture's coordinates (highD, TGSIM), the road must run along one of
 its axes; else the file is refused.
 """
 
@@ -83,7 +83,7 @@ class TrafficFile:
         window: Smoothing window of positions [s].
         rows_read: All rows.
         left_out: Rows left out: reason -> (count, line of the first).
-        notes: What is odd about the file, or had to be taken as given, in plain sentences.
+        notes: Oddities and assumptions about the file, in plain sentences.
     """
 
     name: str
@@ -194,7 +194,7 @@ def read_traffic(paths: Sequence[Path], data_format: str | None = None) -> list[
 
 
 def _digest(path: Path) -> str:
-    """Tell files apart by what is in them; those that cannot be read, of which the reader will say why, by name."""
+    """Tell files apart by their content; files that cannot be read, by name (the reader will say why)."""
     try:
         return file_sha256(path)
     except OSError:
@@ -270,7 +270,7 @@ def _directed(table: Table, layout: Layout, scene: Scene) -> tuple[Bools, Floats
     position, swapped = position_along(table, layout)
     forward = direction_of_travel(table, drivers(table), position)
     way = np.where(forward, 1.0, -1.0)
-    if swapped:  # a quarter turn: what was along the road is now across it
+    if swapped:  # a quarter turn: along the road becomes across it
         left = -scene.left * way * table.numbers["position"]
     else:
         across = table.numbers["lateral"] if "lateral" in table.numbers else table.numbers["across"]
@@ -326,7 +326,7 @@ def _roads(
 
 
 def _marked(meta: RecordingMeta | None, scene: Scene, forward: bool) -> _Road | None:
-    """Take the road from lane markings; None where there are none, or none that can be driven."""
+    """Take the road from lane markings; None without markings, or if the marked road cannot be driven."""
     marks = () if meta is None else (meta.lower if forward else meta.upper)
     if len(marks) < 2:
         return None
@@ -432,7 +432,7 @@ def _traffic(
 
 
 def _lines(tracks: _Tracks, mask: Bools) -> Ints:
-    """Lines of the file of these rows, those that bridge a gap left out."""
+    """Lines of the file of these rows, without rows that bridge a gap."""
     return tracks.line[mask & (tracks.line > 0)]
 
 

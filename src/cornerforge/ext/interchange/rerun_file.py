@@ -2,7 +2,7 @@
 
 Entities: `road/lines`; `road/av`, `road/other` and `road/vehicle_N`, N the slot; `plots/speed_mps/av` and `.../other`,
 `plots/acceleration_mps2/...`, `plots/gap_m`; `facts`. Axes are ours: x along the road, y to the left, z up; boxes are
-1.5 m high. The other is the vehicle that the AV touches, or the one that comes nearest to it.
+1.5 m high. The other is the vehicle that the AV touches, or the nearest one.
 
 Needs rerun-sdk, which takes half a gigabyte: `cornerforge[rerun]`.
 """
@@ -33,7 +33,7 @@ def write_rerun(case: OutCase, path: Path) -> None:
     """Write a case as a recording.
 
     Args:
-        case: The case; its name becomes that of the recording.
+        case: The case; the recording gets its name.
         path: The file, which ends in .rrd.
 
     Raises:
@@ -123,7 +123,7 @@ def _lines(scenario: Scenario) -> NDArray[np.float64]:
 
 
 def _other(scenario: Scenario) -> int | None:
-    """Find the column of the vehicle that the AV touches, or of the one that comes nearest; None: it is alone."""
+    """Find the column of the vehicle that the AV touches, or of the nearest one; None: it is alone."""
     if scenario.crash is not None and scenario.crash.slot_a == 0:
         return int(np.flatnonzero(scenario.slot == scenario.crash.slot_b)[0])
     if scenario.slot.size == 1:
@@ -133,7 +133,7 @@ def _other(scenario: Scenario) -> int | None:
 
 
 def _plotted(scenario: Scenario) -> dict[str, dict[str, NDArray[np.float64]]]:
-    """Make what is plotted: group to name to values (T,), NaN where there is none."""
+    """Make the plotted series: group to name to values (T,), NaN for missing values."""
     other = _other(scenario)
     plotted: dict[str, dict[str, NDArray[np.float64]]] = {
         "speed_mps": {"av": scenario.speed[:, 0]},

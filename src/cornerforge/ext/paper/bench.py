@@ -147,7 +147,7 @@ class Bench:
 
     @property
     def avs(self) -> tuple[str, ...]:
-        """All built-in AVs but the reference drivers, the paper's first; then those that were asked for besides."""
+        """All built-in AVs but the reference drivers, the paper's first; then the AVs that were asked for."""
         return ("idm-mobil", *(name for name in _TRIED if name != "idm-mobil"), *self._more_avs)
 
     def av_hash(self, av: str) -> str:
@@ -166,7 +166,7 @@ class Bench:
 
     @property
     def rewards(self) -> tuple[str, ...]:
-        """Rewards of learned adversaries: all that kernels judge, or those of the effort."""
+        """Rewards of learned adversaries: all that kernels judge, or the effort's."""
         wanted = self.size.rewards
         judged = [name for name, reward in REWARDS.items() if not reward.by_case]
         return tuple(name for name in judged if wanted is None or name in wanted)
@@ -182,7 +182,7 @@ class Bench:
             "odd": run.odd.stated(),
         }
 
-    # --- what is kept ---
+    # --- kept results ---
 
     def kept(self, name: str, inputs: dict[str, Any], work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         """Give what `parts/NAME.json` holds if it was made of the same inputs; else do the work and keep it."""

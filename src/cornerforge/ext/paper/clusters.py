@@ -39,7 +39,7 @@ class Analysed:
 
 
 def analysed(bench: Bench, adversary: Adversary) -> Analysed | None:
-    """Analyse the library of an adversary; None if there is none."""
+    """Analyse the library of an adversary; None if it does not exist."""
     filled = library_of(bench, adversary)
     if filled is None:
         return None

@@ -19,7 +19,7 @@ def pooled(judged: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
     Returns:
         `crashes_per_test`, the mean; `interval95`, from the lowest to the highest end of the seeds' exact intervals (so
-        its lower end is that of the worst seed); `tests`, `crashes`, `avoidable`, `struck`, `typed`, `crash_types` and
+        its lower end belongs to the worst seed); `tests`, `crashes`, `avoidable`, `struck`, `typed`, `crash_types` and
         `strikers` summed; the same mean and interval as `avoidable_per_test` and `avoidable_interval95` for avoidable
         crashes; `seeds`, each seed's own yield.
     """

@@ -205,7 +205,7 @@ class _Stage:
             small.set_text(more)
 
     def _time_to_collision(self, time: float) -> float:
-        """Read the last frame's: between frames it may jump, and a mean with infinity is none."""
+        """Read the last frame's value: between frames it may jump, and no mean with infinity exists."""
         assert self._ttc is not None
         return float(self._ttc[min(int(time / FRAME_S + 1e-6), len(self._ttc) - 1)])
 

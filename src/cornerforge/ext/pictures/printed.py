@@ -237,7 +237,7 @@ def _draw_markers(panel: Any, trace: Mapping[str, Any], x: Any, y: Any) -> Any:
 
 
 def _write(panel: Any, trace: Mapping[str, Any], x: Any, y: Any) -> None:
-    """Write what stands beside or above the points; the layout makes room for what is beside the axes."""
+    """Write the texts beside or above the points; the layout makes room for texts beside the axes."""
     is_beside = trace["textposition"] == "middle right"
     for what, at, row in zip(trace["text"], x, y, strict=True):
         share = panel.transAxes.inverted().transform(panel.transData.transform((at, row)))[0]
@@ -276,7 +276,7 @@ def _pale(colour: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """Text of a chart without markup, and without what is for a screen."""
+    """Text of a chart without markup, and without hints for a screen."""
     lines = re.sub(r"<br\s*/?>", "\n", text)
     bare = html.unescape(re.sub(r"<[^>]+>", "", lines)).strip()
     # A thin space is not in every font, and paper has no links.

@@ -18,7 +18,7 @@ from cornerforge.report.drawing import check_matplotlib
 __all__ = ["FORMATS", "POINTS", "WIDTHS", "check_print", "print_of", "printed", "width_named"]
 
 WIDTHS = {"column": 3.5, "page": 7.16}
-"""Widths of a column and of a page with two of them [in]; those of IEEE, and near those of others."""
+"""Widths of a column and of a page with two columns [in]: IEEE's, and nearly other publishers'."""
 POINTS = 8.0
 """Size of all text [pt]."""
 FORMATS = (".pdf", ".svg")
@@ -65,7 +65,7 @@ def width_named(name: str) -> float:
     """Look up a width [in].
 
     Raises:
-        InputError: There is none of that name.
+        InputError: No width has that name.
     """
     if name not in WIDTHS:
         raise InputError(f'No width "{name}"; choose {" or ".join(WIDTHS)}.')

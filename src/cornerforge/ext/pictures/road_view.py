@@ -28,7 +28,7 @@ _CIRCLE_M = 1.7
 
 @dataclass(frozen=True)
 class Look:
-    """Colours of a picture, sizes in points, and what is said beside the vehicles.
+    """Colours of a picture, sizes in points, and labels beside the vehicles.
 
     Attributes:
         road, verge, paint: Of the road.

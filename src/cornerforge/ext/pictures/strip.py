@@ -27,15 +27,15 @@ _PANELS_IN = 3.6
 
 
 def key_moments(scenario: Scenario, known: Mapping[float, str]) -> dict[float, str]:
-    """Choose the moments that tell a crash: those that are known, the AV's first braking, the contact, and between.
+    """Choose the moments that explain a crash: known moments, the AV's first braking, the contact, and some between.
 
     Args:
         scenario: The crash.
         known: What happens at a time before the contact [s], such as the begin of the manoeuvre.
 
     Returns:
-        Seconds before the contact, falling, and what happens then ("" for a moment between two others). Of moments
-        less than 0.25 s apart the one that is nearer to the contact also says what happens at the other.
+        Seconds before the contact, falling, and what happens then ("" for a moment between two others). Of two moments
+        less than 0.25 s apart, the one nearer to the contact also says what happens at the other.
     """
     moments = Moments(scenario)
     if moments.contact is None:

@@ -50,7 +50,7 @@ _TRAFFIC_TESTS = 4 * BLOCK
 """Plain tests of each model that say how often its BVs crash into each other: some 1.3e6 BV-miles."""
 _MOST_IN_ONE_TREE = 0.5
 _USE = 3
-"""Makes seeds of the draws others than those of `Splitting`."""
+"""Makes seeds of the draws different from the seeds of `Splitting`."""
 
 
 class Draw(Closed, frozen=True):
@@ -100,7 +100,7 @@ def with_model_draws(
     progress: Progress,
     by_trees: tuple[Plan, TreeDriver] | None,
 ) -> NaturalRate:
-    """Add to a rate the interval with the model's own uncertainty; without a crash there is none.
+    """Add to a rate the interval with the model's own uncertainty; without a crash it gets none.
 
     Args:
         found: The rate, with its interval of sampling alone.

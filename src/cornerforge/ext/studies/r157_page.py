@@ -181,7 +181,7 @@ def _edges(values: NDArray[np.float64]) -> NDArray[np.float64]:
 def _outline(
     inside: NDArray[np.bool_], possible: NDArray[np.bool_], x: NDArray[np.float64], y: NDArray[np.float64]
 ) -> list[list[tuple[float, float]]]:
-    """Find where cells (A, B) change between inside and outside, as lines, those that follow each other in one."""
+    """Find where cells (A, B) change between inside and outside, as lines; neighbours are joined in one line."""
     lines = []
     upright = (inside[1:] != inside[:-1]) & possible[1:] & possible[:-1]
     for i in range(len(upright)):

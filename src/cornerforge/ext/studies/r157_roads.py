@@ -7,9 +7,9 @@ of each other, as that group has it; medians and 95 % points of gap and closing 
 recorded. Of cut-ins at 5-15 m/s the fit has those that close with 11 m/s 2.7 times as often as the records, and with 14
 m/s 8 times.
 
-What was not recorded is assumed: the lateral speed. A lane change takes 6.3 s in the mean, standard deviation 2.0 s
-(Lee, Olsen and Wierwille 2004, NHTSA), here log-normal, and leads over 3.5 m at one speed. The marking is taken to be
-crossed by the vehicle's centre.
+The lateral speed was not recorded; it is assumed. A lane change takes 6.3 s in the mean, standard deviation 2.0 s (Lee,
+Olsen and Wierwille 2004, NHTSA), here log-normal, and leads over 3.5 m at one speed. The marking is taken to be crossed
+by the vehicle's centre.
 """
 
 from __future__ import annotations

@@ -192,7 +192,7 @@ def rails_of_panel(panel: Panel, odd: Odd) -> Rails:
 
 
 def _start(poses: Sequence[NDArray[np.float64]] | NDArray[np.float64], speed: float, odd: Odd) -> NDArray[np.void]:
-    """Make the states of the AV and of those on rails (N, POSE_NUMBERS) at frame 0."""
+    """Make the states of the AV and of the vehicles on rails (N, POSE_NUMBERS) at frame 0."""
     state = dict.fromkeys(START_FIELDS, 0.0) | {
         "target_lane": _AV_LANE, "lanes": 1 << _AV_LANE, "length": _LENGTH, "width": _WIDTH, "kind": CAR,
         "quantile": 0.5, "habit": 0.5, "change_time": odd.lane_change_duration, "inattention": 1.0,

@@ -127,7 +127,7 @@ def _opened(libraries: Sequence[Path | str]) -> list[CaseLibrary]:
     """Open the libraries.
 
     Raises:
-        CornerForgeError: There is none, one is named twice, cannot be read, or holds no case.
+        CornerForgeError: No library is named, one is named twice, cannot be read, or holds no case.
     """
     if not libraries:
         raise InputError("There is no library to choose cases from; name one or more.")
@@ -153,7 +153,7 @@ def _zoo(zoo: Sequence[str] | None) -> list[str]:
     """Return the names of the AVs.
 
     Raises:
-        InputError: There is none, or one is named twice.
+        InputError: No AV is named, or one is named twice.
     """
     names = list(AVS) if zoo is None else list(zoo)
     twice = [name for index, name in enumerate(names) if name in names[:index]]
@@ -168,7 +168,7 @@ def _maker(cases: CaseLibrary, options: WorldOptions) -> Experiment:
     """Build the run that made a library.
 
     Raises:
-        CornerForgeError: Its AV, model or policy is not the one that made it.
+        CornerForgeError: Its AV, model or policy differs from the one that made it.
     """
     av = str(cases.identity.get("av", ""))
     return experiment_of(cases, with_av(options, av))

@@ -108,8 +108,8 @@ def clear_order(crashes: NDArray[np.bool_]) -> NDArray[np.int8]:
 def choose(crashes: NDArray[np.bool_], severity: NDArray[np.float64], size: int) -> Chosen:
     """Choose at most `size` cases.
 
-    First those that find most of what is not found yet (greedy set cover), until nothing is left to find; then always
-    the case that brings the AVs' shares of crashes nearest to those in all cases (sum of squares). Of equals the most
+    First the cases with the most findings not covered yet (greedy set cover), until all are covered; then always the
+    case that brings the AVs' shares of crashes nearest to those in all cases (sum of squares). Of equals the most
     severe. The suite is the shortest beginning of this list that finds all that the list finds and, as every longer
     beginning does, has as many pairs of AVs in order as the list, among the pairs with a clear order in all cases.
 
@@ -212,5 +212,5 @@ def _known_of(
 
 
 def _place(shares: NDArray[np.float64], av: int) -> float:
-    """Place of an AV among all, 0 for the one that crashes least; equals share their mean."""
+    """Rank of an AV among all, 0 for the AV that crashes least; equals share their mean."""
     return float((shares < shares[av]).sum() + 0.5 * ((shares == shares[av]).sum() - 1))

@@ -1,9 +1,9 @@
 """Acts of near BVs in a second, as branches of which exactly one happens, with its chance and its danger.
 
-The listed acts (`acts`) are independent of each other but for those of one group. In order of the list, branch k is
-that act k is the first to happen. Later acts are left to nature, but for acts that are paired with it: of these the
-first to happen makes a branch of its own, and where none does, all are held not to happen. The last branch is that no
-listed act happens.
+The listed acts (`acts`) are independent of each other, except acts of one group. In order of the list, branch k is that
+act k is the first to happen. Later acts are left to nature, but for acts that are paired with it: of these the first to
+happen makes a branch of its own, and where none does, all are held not to happen. The last branch is that no listed act
+happens.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Importance sampling of a test: its start, and what happens in each second, are drawn from proposals, and weighted.
 
 A *proposal* draws a branch of a second (`branches`) by its chance times its danger to some power, and the start among
-candidates that nature drew. A test belongs to one proposal, but its weight is that of their mixture: 1 over the mean of
+candidates that nature drew. A test belongs to one proposal, but its weight comes from their mixture: 1 over the mean of
 all proposals' densities of what happened, over the natural one (Owen and Zhou 2000, "Safe and effective importance
 sampling"; the balance heuristic of Veach and Guibas 1995). One proposal is nature itself, so no weight is larger than 1
 over its share, and nothing that nature does is left out, whatever the danger is taken to be.
