@@ -94,7 +94,7 @@ def _remove_unused(folder: Path) -> None:
 
 
 def _mark_as_used(file: Path) -> None:
-    """Set the file's time, which tells its last use; at most once a day."""
+    """Set the file's time, the time of its last use; at most once a day."""
     with contextlib.suppress(OSError):
         if file.stat().st_mtime < time.time() - _TOUCH_DAYS * _DAY:
             os.utime(file)

@@ -192,7 +192,7 @@ class Command:
         name: Words of the command, such as "suite build"; "" for the name of the function.
         fails: Function of the result, in the same form: None where all is well, else what to say on standard error ("":
             nothing) before the program ends with status 1.
-        stages: It may take minutes; without a terminal, each stage that has ended is told in a line.
+        stages: It may take minutes; without a terminal, each finished stage is reported in a line.
         spreads: It takes --engine and --address.
         early: The verb lasts until it is interrupted, and gives its result to `up` when it has begun.
     """

@@ -1,7 +1,7 @@
 """The exceptions of cornerforge, one tree.
 
 ```
-CornerForgeError                     everything the user can mend; the command line prints it in one line, exit status 2
+CornerForgeError                     all errors that the user can correct; the command line prints one line, status 2
 ├── InputError (ValueError)          an argument or option is outside what is allowed
 ├── UnknownNameError (InputError)    no such AV, ODD, format, command; carries the nearest known name
 │   └── UnknownCaseError             no such case in a library
@@ -59,7 +59,7 @@ def _cut(text: str) -> str:
 
 
 class CornerForgeError(Exception):
-    """Base of everything that a user can cause and mend; its text is one line that can be printed anywhere."""
+    """Base of all errors that a user can cause and correct; its text is one line that can be printed anywhere."""
 
     def __str__(self) -> str:
         return one_line(super().__str__())
@@ -126,7 +126,7 @@ class MissingExtraError(CornerForgeError, ImportError):
 
     Args:
         package: The package that could not be imported.
-        extra: The extra of cornerforge that brings it.
+        extra: The extra of cornerforge that installs it.
     """
 
     def __init__(self, package: str, extra: str) -> None:

@@ -18,7 +18,7 @@ look at the AV and the vehicle that it touched; in this order, the first that fi
    in (1 m/s): `too-close`.
 
 Cut in by another vehicle too near, struck from behind or from the side while it kept its lane, an AV has done nothing
-wrong by these rules, whatever it could have done.
+wrong by these rules, even if it could have acted.
 """
 
 from __future__ import annotations

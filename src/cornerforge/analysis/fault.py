@@ -279,7 +279,7 @@ def _block_faults(recordings: Recordings, rules: RssRules) -> Faults:
 
 
 def _last_safe(margin: NDArray[np.float64], recorded: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Column of the last recorded frame that was safe, -1 if none was. The contact is not safe, whatever its margin."""
+    """Column of the last recorded frame that was safe, -1 if none was. The contact is not safe, at any margin."""
     columns = np.arange(margin.shape[1] - 1)
     return np.asarray(np.where((margin[:, :-1] >= 0.0) & recorded[:, :-1], columns, -1).max(axis=1, initial=-1))
 

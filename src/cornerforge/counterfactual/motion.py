@@ -35,7 +35,7 @@ __all__ = [
 _DT = FRAME_S
 _HARDEST = 20.0
 STRONGEST_ACCELERATION = 10.0
-"""No vehicle brakes or accelerates more [m/s2], whatever a recording says: how long it takes to stop hangs on it."""
+"""Largest braking and acceleration of any vehicle [m/s2], in any recording: the time to stop depends on it."""
 _PEAK = 10.0 / math.sqrt(3.0)
 _SHORTEST = 0.5
 _SAME_M = 1e-3

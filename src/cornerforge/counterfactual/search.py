@@ -163,7 +163,7 @@ def allocate_search(decisions: int, frames: int, slots: int) -> SearchScratch:
 
 
 def stopping_frames(road: RoadNumbers, deceleration: float) -> int:
-    """Compute an upper bound of the frames that stopping at `deceleration` [m/s2] takes, from whatever acceleration.
+    """Compute an upper bound of the frames that stopping at `deceleration` [m/s2] takes, from any acceleration.
 
     While the brakes come on, the vehicle is at most at its highest speed.
     """

@@ -32,8 +32,8 @@ class AvLaw(NamedTuple):
             IDM parameters. With too small a number the simulator misses contacts.
         sees_everybody: The law looks at more than its nearest neighbours in each lane. If this is wrongly False, it
             sees some vehicles where they were when the second began.
-        parameters: Fields of `AvModel` that the law drives by, besides IDM and MOBIL. `av_hash` covers them, and an AV
-            of another law may not be given them.
+        parameters: Fields of `AvModel` that the law uses, besides IDM and MOBIL. `av_hash` covers them, and an AV of
+            another law may not be given them.
     """
 
     code: int

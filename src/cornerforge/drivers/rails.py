@@ -1,4 +1,4 @@
-"""Manoeuvres that other vehicles make whatever the driver behind them does: where they are at every tenth of a second.
+"""Manoeuvres of other vehicles that do not depend on the driver behind them: places at every tenth of a second.
 
 Columns of a pose, float64: X, Y of the box's centre [m], along and across the road, SPEED along it and LATERAL_SPEED
 across it, to the left positive [m/s], HEADING [rad], ACCELERATION along the road [m/s2], LANE that the vehicle keeps or

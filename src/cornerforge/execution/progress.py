@@ -84,7 +84,7 @@ def moving(
     """Let progress move while an AV from outside answers.
 
     Args:
-        progress: Is told, at once what is done already.
+        progress: Called with the progress, at once with the finished part.
         answered: Says how many answers there were so far; None: `progress` stays as it is.
         each: How much of the work an answer is, about.
         stage, done, total: As in `Progress`.

@@ -29,8 +29,8 @@ _cluster: ContextVar[Cluster | None] = ContextVar("cluster", default=None)
 def engine(name: str = "threads", *, address: str | None = None, workers: int | None = None) -> Iterator[None]:
     """Choose where tests are driven for as long as the block runs; no result depends on it.
 
-    `simulate`, `generate`, `rate`, `plausibility`, `analyse` and whatever else spreads its work then use all machines
-    of a cluster. AVs from outside drive in processes of this machine, so they need "threads".
+    `simulate`, `generate`, `rate`, `plausibility`, `analyse` and all others that spread their work then use all
+    machines of a cluster. AVs from outside drive in processes of this machine, so they need "threads".
 
     Args:
         name: "threads": this process; "ray": a Ray cluster (extra `ray`).

@@ -97,7 +97,7 @@ class CaseFile:
         name: Letters, digits, - and _.
         odd: Road and limits.
         script: The start, and how the others move: by their actions (`poses` is None), or on rails.
-        av: Name of the AV that was in it; "recorded": whatever was in its seat; None: not known.
+        av: Name of the AV that was in it; "recorded": the recorded vehicle in its place; None: not known.
         av_hash: Its hash; None: not known.
         happened: What became of it with that AV; None: not known.
         recorded: What the AV did, frame by frame from the start on, float64 (T, POSE_NUMBERS), where others act; None:
@@ -124,12 +124,12 @@ class CaseFile:
 
     @property
     def on_rails(self) -> bool:
-        """Do the others move as they are told, whatever the AV does?"""
+        """Do the others move on rails, independent of the AV?"""
         return self.script.poses is not None
 
     @property
     def av_is_recorded(self) -> bool:
-        """Can the case be driven with whatever was in the AV's seat, as it was recorded?"""
+        """Can the case be driven with the recorded motion in the AV's place?"""
         return self.script.poses is not None and bool(np.isfinite(self.script.poses[:2, 0]).all())
 
 

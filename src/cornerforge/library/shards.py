@@ -133,7 +133,7 @@ class Tracks:
     Args:
         file: Its file.
         checks: The checksums that the file carries.
-        found: Is told what is wrong with the rows that are read, None for nothing; says whether they may be used.
+        found: Called with the fault of the rows that are read, None without fault; returns whether they may be used.
     """
 
     def __init__(

@@ -64,7 +64,7 @@ def _plain(value: object) -> float | str:
 
 
 def _due(seconds: float) -> None:
-    """Let the operating system end the process in so many seconds, whatever it does then; 0: do not."""
+    """Let the operating system end the process after so many seconds in any case; 0: never."""
     if hasattr(signal, "setitimer"):
         signal.setitimer(signal.ITIMER_REAL, seconds)
 

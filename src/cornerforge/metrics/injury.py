@@ -71,7 +71,7 @@ def crash_mode(force_direction: ArrayLike) -> NDArray[np.int8]:
         raise InputError("force_direction is infinite; give an angle in rad.")
     ahead, left = np.cos(direction), np.sin(direction)
     side = np.where(left > 0.0, _NEAR, _FAR)
-    # A hair of tolerance, so that 45 degrees counts as frontal on both sides whatever its last bit.
+    # A small tolerance, so that 45 degrees counts as frontal on both sides, for any last bit.
     lengthwise = np.abs(ahead) >= math.sqrt(0.5) - 1e-12
     return np.where(lengthwise, np.where(ahead > 0.0, _FRONTAL, _REAR), side).astype(np.int8)
 

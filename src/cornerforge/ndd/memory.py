@@ -47,9 +47,8 @@ class Memory:
     An acceleration is the quantile u of its distribution in the present state. With the weight `near`, u is near the
     quantile of the second before; with `far`, less near; with `habit`, near the driver's habit, a quantile that stays
     the same for the whole test; else uniform. "Near" is uniform within the width, reflected at 0 and 1. So u is uniform
-    over all drivers, whatever the weights: the tables stay the distributions over all drivers, and what they call
-    impossible stays impossible. (A series with a copula between neighbours: Chen and Fan 2006,
-    doi:10.1016/j.jeconom.2005.03.004.)
+    over all drivers, for any weights: the tables stay the distributions over all drivers, and what they call impossible
+    stays impossible. (A series with a copula between neighbours: Chen and Fan 2006, doi:10.1016/j.jeconom.2005.03.004.)
 
     With the chance `away` a second, times a factor of its own, a driver looks away from the road, and does so again in
     the next second with the chance `away_again`, the same for all. Who looks away holds its speed, begins no lane

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["LEAD_S", "has_way_out", "judges_of"]
 
 LEAD_S = 1.0
-"""The reaction time with which a share of avoidable crashes is told first [s], unless the user gave one: with 0 s, so
+"""Reaction time of the share of avoidable crashes that is reported first [s], unless the user gave one: with 0 s, so
 with foresight, nearly every crash is avoidable."""
 _SLIVER = 1e-6
 
@@ -43,7 +43,7 @@ def judges_of(
         drivers: Which of the cases each of D reference drivers would have prevented, (C,) each.
         held: Cases that holding the speed would have prevented, (C,).
         reacting: As `analysis.prevented.prevented_at` gives it, (C, reactions, D).
-        lead_s: Reaction time of the share that is told first [s].
+        lead_s: Reaction time of the share that is reported first [s].
 
     Returns:
         None without cases.

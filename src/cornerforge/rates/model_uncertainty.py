@@ -1,11 +1,11 @@
 """How far a rate is uncertain because the model is: rates of drawn models, each with an error of its own.
 
 A drawn model's rate is r = exp(mu + tau z), z standard normal, and what was found of it are k crashes (or effective
-trees, which tell as much) in an exposure e: Poisson with mean e r. tau has the greatest likelihood over all draws, its
-interval comes from the profile likelihood. With it the interval of a rate is widened. Models with traffic that crashes
-much more or less often than people do count for less (`traffic_weights`). (A Poisson-log-normal model: Aitchison and Ho
-1989, doi:10.1093/biomet/76.4.643; integrals by adaptive Gauss-Hermite quadrature: Liu and Pierce 1994,
-doi:10.1093/biomet/81.3.624.) Rates are taken as weights' means by `effective_counts`.
+trees, which carry as much information) in an exposure e: Poisson with mean e r. tau has the greatest likelihood over
+all draws, its interval comes from the profile likelihood. With it the interval of a rate is widened. Models with
+traffic that crashes much more or less often than people do count for less (`traffic_weights`). (A Poisson-log-normal
+model: Aitchison and Ho 1989, doi:10.1093/biomet/76.4.643; integrals by adaptive Gauss-Hermite quadrature: Liu and
+Pierce 1994, doi:10.1093/biomet/81.3.624.) Rates are taken as weights' means by `effective_counts`.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class ModelSpread:
     """How far rates of drawn models lie apart, beyond what chance does.
 
     Attributes:
-        draws: Models drawn; with weights so many equal ones that tell as much.
+        draws: Models drawn; with weights the number of equal ones with as much information.
         log_sd: Standard deviation of the rate's natural logarithm between models; 0 if nothing is seen of it.
         log_sd95: Its 95 % interval; begins at 0 if models that are all alike would explain what was found.
         log_sd_used: The one for intervals: `log_sd`; where that is 0, its upper 95 % bound.
@@ -139,7 +139,7 @@ def traffic_weights(bv_crashes: Floats, bv_miles: float) -> Floats:
 
 
 def effective_number(weights: Floats) -> float:
-    """Say how many equal weights would tell as much, (sum)^2 / sum of squares; 0 if all are 0.
+    """Compute how many equal weights carry as much information, (sum)^2 / sum of squares; 0 if all are 0.
 
     >>> effective_number(np.array([1.0, 1.0, 0.0]))
     2.0

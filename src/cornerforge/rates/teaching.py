@@ -148,8 +148,8 @@ def teach(
         seed: Of the trees, and of what is learned in which order.
         threads: Pool size; does not change the result.
         driver: As of `drive_trees`.
-        tell: Told name and trees of each round.
-        progress: Told how many of `TEACHING_TREES` are driven.
+        tell: Called with name and trees of each round.
+        progress: Called with the number of driven trees of `TEACHING_TREES`.
     """
     tables: list[TrainingTable] = []
     begun, cpu = 0, 0.0

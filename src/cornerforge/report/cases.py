@@ -70,8 +70,8 @@ def case_data(
         scenario: The case; vehicles far from the AV may have been left out.
         way_out: How the AV could have avoided the crash; None if no way is known.
         first: First frame that is shown; None: the start of the last `SHOWN_S`.
-        partner: Slot of the vehicle of which `ttc` and `ttcPlane` tell, and which is always shown, where the AV crashed
-            with none; None: no vehicle.
+        partner: Slot of the vehicle for `ttc` and `ttcPlane`, which is always shown, where the AV crashed with none;
+            None: no vehicle.
     """
     n_frames = len(scenario.x)
     if first is None:

@@ -55,7 +55,7 @@ def template(name: str) -> str:
 
 
 def content_policy(scripts: list[str]) -> str:
-    """Content security policy: nothing is fetched, and only these scripts run, whatever a case's name may hold."""
+    """Content security policy: nothing is fetched, and only these scripts run, with any name of a case."""
     digests = (hashlib.sha256(script.encode("utf-8")).digest() for script in scripts)
     sources = " ".join(f"'sha256-{base64.b64encode(digest).decode('ascii')}'" for digest in digests) or "'none'"
     rest = "style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"

@@ -3,8 +3,8 @@
 A second begins with the decisions of the AV, of the critical BV and of the other BVs, in this order. Ten substeps of
 motion follow; at some of them the AV decides again. When a controller outside the kernels must decide, `advance`
 returns and says which one; `answer_as_av` or `answer_as_bv` takes the answer, and the next `advance` goes on from
-there. All that the rest of the test depends on is in the world, so a world may be left, copied or stored wherever
-`advance` returns.
+there. All that the rest of the test depends on is in the world, so a world may be copied or stored wherever `advance`
+returns.
 """
 
 from __future__ import annotations

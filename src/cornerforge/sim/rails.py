@@ -1,4 +1,4 @@
-"""Vehicles on rails: others that move as they are told, whatever the AV does.
+"""Vehicles on rails: others that follow given motions, independent of the AV.
 
 The rails of a test say where each other vehicle is at every tenth of a second. No driver decides there, so a manoeuvre
 that no natural driver of the simulator can make (a constant lateral speed, braking by 1 g, a recorded trajectory) can

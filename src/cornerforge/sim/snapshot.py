@@ -1,6 +1,6 @@
 """Worlds that are copied, stored, sent and continued: all that the future of a test depends on, to the bit.
 
-A world may be taken wherever `advance` returns; in the same setting it goes on as if it had never been left. With
+A world may be taken wherever `advance` returns; in the same setting it goes on as if it had not been interrupted. With
 another `branch` its past stays and its future is drawn again, as splitting needs.
 """
 

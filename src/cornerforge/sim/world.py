@@ -145,7 +145,7 @@ STATE = np.dtype(
         ("av_alarmed", "i8"),
     ]
 )
-"""What a world knows besides its vehicles.
+"""State of a world besides its vehicles.
 
 seed, test: name of the test; branch: number of the future that the random words belong to (0: the test's own);
 draw: next unused draw of the initial traffic; n_vehicles: slots in use; decisions: seconds begun; substep: tenths of

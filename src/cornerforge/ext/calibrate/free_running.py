@@ -186,7 +186,7 @@ def simulate_free_running(
             150,000 miles in a few seconds.
         seed: 0 or more.
         threads: None for all cores.
-        progress: Told how far it is, in miles.
+        progress: Called with the miles driven.
 
     Raises:
         InputError: A number is out of range.

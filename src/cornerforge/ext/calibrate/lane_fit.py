@@ -154,8 +154,8 @@ def fit_lane_changes(readings: Sequence[Reading], choice: str = "fit") -> LaneCh
     """Fit the lane changes of files, or say why they stay the prior.
 
     Args:
-        readings: The files, at least one; those without lanes tell nothing.
-        choice: "fit", or "prior" to keep the shipped values whatever the files say.
+        readings: The files, at least one; files without lanes add nothing.
+        choice: "fit", or "prior" to keep the shipped values in any case.
 
     Raises:
         UnknownNameError: The choice is unknown.

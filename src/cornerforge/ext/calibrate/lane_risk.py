@@ -2,8 +2,8 @@
 
 A *trial* is one second of one vehicle and one side: there is a lane, and the vehicle begins to change to it, or does
 not. Seconds in which a change runs are no trials; nor is the end of a track, where a change that begins would not be
-seen; nor is a second with a gap in the other lane for which a driver turns back, whatever it does in it. The second in
-which a change begins is one trial, taken at the start of the change.
+seen; nor is a second with a gap in the other lane for which a driver turns back. The second in which a change begins is
+one trial, taken at the start of the change.
 
 Shapes: `n` rows of a file, `k` trials before any is left out, `m` trials.
 """

@@ -69,7 +69,7 @@ class Layout:
         window: Smoothing window [s].
         held_out_from: Vehicles first seen after this share of the recording are held out (no split column).
         front: Positions are of the front bumper; else of the centre.
-        corner: Positions are of the box's corner with the smallest coordinate, whatever the direction of travel.
+        corner: Positions are of the box's corner with the smallest coordinate, for any direction of travel.
         ordered: Rows of a vehicle usually stand in time's order, so that a file where they do not is worth a note.
         scene: What it says of all vehicles on the road; None: the file does not give the places.
     """

@@ -54,7 +54,7 @@ def fit_sensitivity(
         strengths: Other strengths to try.
         window_factors: Of the smoothing windows, to try.
         lane_changes: As for `fit_model`.
-        progress: Is told in plain words what is being done.
+        progress: Called with a sentence on each step.
         drive: Gets the variant's name and its model, and says how often its traffic crashes.
 
     Returns:

@@ -1,4 +1,4 @@
-"""`ndd show` tells a naturalistic model's key numbers and draws figures of its tables."""
+"""`ndd show` prints a naturalistic model's key numbers and draws figures of its tables."""
 
 from __future__ import annotations
 

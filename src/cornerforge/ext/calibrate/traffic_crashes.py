@@ -25,7 +25,7 @@ def traffic_crashes(
         tests: Number of tests, at least 1.
         seed: Seed of the tests.
         threads: Pool size; does not change the result.
-        progress: Told how far it is.
+        progress: Called with the progress.
 
     Returns:
         `tests`, `av_crashes`, `av_crashes_per_test`, `av_interval95` (Clopper-Pearson); `bv_crashes` (between two BVs),

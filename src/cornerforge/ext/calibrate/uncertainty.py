@@ -81,8 +81,8 @@ UNCERTAIN: tuple[Uncertain, ...] = (
 )
 """Uncertain numbers of the shipped model, and their spread."""
 DESIGN_EFFECT = 1.12
-"""So many decisions in one state of the table tell as much as one of independent drivers: 1.34 are of one driver, with
-a correlation of 0.35 (benchmarks/model_widths.py)."""
+"""Number of decisions in one state of the table that carry as much information as one of independent drivers: 1.34 are
+of one driver, with a correlation of 0.35 (benchmarks/model_widths.py)."""
 
 
 def widths(model: NddModel) -> tuple[Uncertain, ...]:

@@ -1,4 +1,4 @@
-"""Rooms for long work: one at a time is at work in each, few wait, and all can be told to end."""
+"""Rooms for long work: one job at a time runs in each, few wait, and all can be stopped."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from cornerforge.errors import CornerForgeError
 __all__ = ["MOST", "Room", "UnavailableError"]
 
 MOST = 8
-"""In one room, with the one at work. One page asks at most six questions at once; three rooms leave 16 of the server's
-40 threads for quick answers."""
+"""Jobs in one room, the running one included. One page asks at most six questions at once; three rooms leave 16 of the
+server's 40 threads for quick answers."""
 
 
 class UnavailableError(CornerForgeError):

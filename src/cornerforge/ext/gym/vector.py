@@ -78,7 +78,7 @@ class _BatchVectorEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]
         Args:
             seed: World b gets seed + b, or the b-th of a sequence; see `single.AdversaryEnv.reset`.
             options: "test": number of the test, one for all worlds or one each; "reset_mask": bool (num_envs,), the
-                worlds that begin anew, the others go on.
+                worlds that begin again; the others continue.
 
         Raises:
             ClosedError: The environment is closed.

@@ -48,7 +48,7 @@ class CaseFacts:
         self._often = {case: weight * per_billion for case, weight in weights.items()}
 
     def of(self, case_id: str, stored: StoredCase) -> dict[str, Fact]:
-        """Tell the facts of a case; unknown ones are left out, except the frequency (None)."""
+        """Give the facts of a case; unknown ones are left out, except the frequency (None)."""
         scalars = {name: stored.scalars.get(name) for name in _OF_CASE}
         found = {**scalars, **self._analysed.get(case_id, {})}
         return {

@@ -25,7 +25,7 @@ from cornerforge.results.whole import Exported
 __all__ = ["EXPORTS", "CaseWriter", "ExportOptions", "export", "export_text", "has_rerun"]
 
 _AFTER = 50
-"""Progress is told after so many cases."""
+"""Number of cases between two reports of progress."""
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ def cases_from_data(options: FromData) -> CasesFromData:
     """Make cases of the most critical moments of recorded traffic, and drive an AV through them.
 
     Each case holds a recorded car (the ego) and all vehicles around it, some seconds before and after the moment. The
-    AV takes the ego's place, with its speed; all others move as they did, whatever it does. So a vehicle behind runs
+    AV takes the ego's place, with its speed; all others move as recorded, independent of it. So a vehicle behind runs
     into an AV that brakes harder than the recorded driver: the `striker` of that crash is "bv", and it says little
     about the AV. What moments are critical, `ext.interchange.moments` says.
 

@@ -69,7 +69,7 @@ def import_cases(options: ImportCases) -> ImportedCases:
     """Read scenarios of other tools, write a case file of each, and drive the AV through them.
 
     A file that cannot be read is named in the result, and the others are read. All vehicles but the AV move as their
-    file says, whatever the AV does.
+    file says, independent of the AV.
 
     Returns:
         What `cornerforge import --json` prints.

@@ -314,7 +314,7 @@ def _window(traffic: Traffic, event: _Event, before_s: float, after_s: float) ->
 
 
 def _pair_of(window: _Window) -> tuple[str, ...]:
-    """Name the two vehicles of a moment, whatever the recording."""
+    """Name the two vehicles of a moment, for any recording."""
     traffic = window.traffic
     return traffic.file.sha256, _label(traffic, window.ego_row), _label(traffic, window.other_row)
 

@@ -97,9 +97,9 @@ def library_of(
         out: New or empty folder: the library, or, for several roads, a folder of libraries `road-1`, `road-2`, ...
         set_speed: At which speed the AV is set to drive [m/s]; None: as `library.out_case.script_of` says.
         seed: Of the library: a case is named seed:number, where it stands among `cases`.
-        progress: Told how far it is.
-        world: The AV, and how one from outside is asked; None: "recorded", whatever was in the AV's seat moves as it
-            was recorded.
+        progress: Called with the progress.
+        world: The AV, and how one from outside is asked; None: "recorded", the vehicle in the AV's place moves as
+            recorded.
 
     Returns:
         What crashed and what did not. Columns of a library: `name` of the case, `origin` (its fact `source`), and

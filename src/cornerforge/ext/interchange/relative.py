@@ -1,4 +1,4 @@
-"""The manoeuvre of the vehicle that the AV meets, told relative to the AV: when it begins, and how it goes on.
+"""The manoeuvre of the vehicle that the AV meets, relative to the AV: when it begins, and how it goes on.
 
 A recorded case happens at times. For another AV, which drives faster or slower, the same manoeuvre at the same time may
 be no danger at all. So the manoeuvre can begin when the AV is as near to it as the recorded one was.

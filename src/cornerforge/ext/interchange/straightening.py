@@ -2,8 +2,8 @@
 
 A road is straight if its line is nowhere more than 0.05 m off the line between its ends: then the plane is turned and
 shifted, and distances stay. A gentle curve is straightened: its line is replaced by a polynomial, which may be 0.3 m
-off, and points are told by their foot on it. That shortens lengths on the outer side of the curve and stretches lengths
-on the inner side, by distance / radius; the radius must be 500 m or more, so by 2 % at 10 m.
+off, and points are given by their foot on it. That shortens lengths on the outer side of the curve and stretches
+lengths on the inner side, by distance / radius; the radius must be 500 m or more, so by 2 % at 10 m.
 """
 
 from __future__ import annotations

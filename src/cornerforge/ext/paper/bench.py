@@ -123,7 +123,7 @@ class Bench:
         world: What they all drive in.
         seed: Of tests; the k-th training of a kind has seed + k.
         threads: None for all cores.
-        progress: Told how far it is.
+        progress: Called with the progress.
         paper_policy: A policy of preset `paper`, trained elsewhere, for Figure 2; or None.
         more_avs: AVs besides the built-in ones, which the matrix shows too: files of `train-av`, or from outside.
     """

@@ -1,4 +1,4 @@
-"""Figures 9 and 11: what happens in the clusters, told by mechanisms and by one typical case of each."""
+"""Figures 9 and 11: events in the clusters, by mechanisms and by one typical case of each."""
 
 from __future__ import annotations
 

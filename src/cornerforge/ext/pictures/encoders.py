@@ -27,7 +27,7 @@ class Format:
     Attributes:
         size: Width and height [pixels].
         per_second: Pictures a second.
-        codec: What ffmpeg is told; () for the one that Pillow writes.
+        codec: Options of ffmpeg; () for the format that Pillow writes.
     """
 
     size: tuple[int, int]
@@ -97,7 +97,7 @@ def _by_ffmpeg(pictures: Iterable[Picture], part: Path, kind: Format) -> None:
     command = [
         _ffmpeg(), "-hide_banner", "-loglevel", "error", "-nostdin", "-y",
         "-f", "rawvideo", "-pix_fmt", "rgba", "-s", f"{width}x{height}", "-r", str(kind.per_second), "-i", "pipe:0",
-        # Told, because players take a film of this size for one of HDTV's colours.
+        # Stated, because players assume HDTV's colours for a film of this size.
         "-vf", "scale=out_color_matrix=bt709:out_range=tv", "-pix_fmt", "yuv420p",
         "-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709",
         *_WHOLE, *kind.codec, str(part.absolute()),

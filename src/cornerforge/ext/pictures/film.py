@@ -63,7 +63,7 @@ def film(
         sentence: What happened.
         way_out: The AV on a way out, shown as a dashed outline.
         seconds: At most so much of the time before the contact is shown [s].
-        progress: Told how many pictures are done, and how many there are.
+        progress: Called with the number of finished pictures and of all.
 
     Returns:
         The path.

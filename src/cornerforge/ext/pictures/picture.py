@@ -73,7 +73,7 @@ def write_video(
         path: The new file.
         answer: Of `way_out_of`; None where the AV does not crash.
         title: The case's name.
-        progress: Told how far it is.
+        progress: Called with the progress.
 
     Raises:
         OutputError: The file cannot be written.

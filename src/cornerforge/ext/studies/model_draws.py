@@ -109,7 +109,7 @@ def with_model_draws(
         seed: Of the user; models and tests have seeds of their own made from it.
         out: The output folder, or None.
         threads: Pool size; does not change the result.
-        progress: Told how far it is.
+        progress: Called with the progress.
         by_trees: How tests branch into trees; None: tests are counted.
 
     Raises:

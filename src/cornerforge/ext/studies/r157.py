@@ -87,7 +87,7 @@ def r157(options: R157) -> Regulated:
     """Drive an AV through the scenarios of UN Regulation 157: cut-in, cut-out, deceleration of the lead.
 
     In each scenario the AV drives at first as fast as it is set to. The other vehicles move as the scenario says,
-    whatever it does. The AV may brake, accelerate and change lanes; it fails if it touches another vehicle or is
+    independent of it. The AV may brake, accelerate and change lanes; it fails if it touches another vehicle or is
     touched. Beside it each reference driver drives through the same scenario (`drivers.careful.drives_into`).
 
     Returns:

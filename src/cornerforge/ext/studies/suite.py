@@ -226,7 +226,7 @@ def _driven(
     threads: int | None,
     progress: Progress,
 ) -> _Candidates:
-    """Drive all cases with all AVs of the zoo, and leave out what tells nothing.
+    """Drive all cases with all AVs of the zoo, and leave out cases without information.
 
     Raises:
         CornerForgeError: A case cannot be driven, an AV fails 20 times in a row, or no AV crashes.

@@ -7,9 +7,9 @@ A particle is a world with a weight. The particles of one test are its tree. At 
 2. for every act on the list (`acts`) a copy is made in which it happens, with the weight times the act's chance, if
    roulette lets it; the world itself goes on without any of them, with the weight times the chance of that.
 
-Each step leaves the expected weight of every future what it was, whatever the danger is taken to be. So the sum of the
-weights of a tree's crashes has the crash rate per test as its mean (Booth and Hendricks 1984 call this weight windows;
-for exactness see docs/adr/0030-natural-rates.md). Only its variance depends on the network.
+No step changes the expected weight of a future, for any estimate of the danger. So the sum of the weights of a tree's
+crashes has the crash rate per test as its mean (Booth and Hendricks 1984 call this weight windows; for exactness see
+docs/adr/0030-natural-rates.md). Only its variance depends on the network.
 
 All random numbers are functions of seed, test, and what happened in the tree before, so a tree is the same everywhere.
 """

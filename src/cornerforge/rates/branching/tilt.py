@@ -4,7 +4,7 @@ A *proposal* draws a branch of a second (`branches`) by its chance times its dan
 candidates that nature drew. A test belongs to one proposal, but its weight comes from their mixture: 1 over the mean of
 all proposals' densities of what happened, over the natural one (Owen and Zhou 2000, "Safe and effective importance
 sampling"; the balance heuristic of Veach and Guibas 1995). One proposal is nature itself, so no weight is larger than 1
-over its share, and nothing that nature does is left out, whatever the danger is taken to be.
+over its share, and every natural outcome remains possible, for any estimate of the danger.
 """
 
 from __future__ import annotations
