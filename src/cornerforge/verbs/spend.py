@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from cornerforge._schema import Whole
 from cornerforge._words import spoken
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.verdicts import count_paid
@@ -134,23 +135,23 @@ class Portion:
         exposure: As in `Counted`.
     """
 
-    first: int
-    tests: int
+    first: Whole
+    tests: Whole
     seconds: float
     cpu_seconds: float
-    av_faults: int
-    bv_crashes: int
-    decisions: int
-    millimetres: int
+    av_faults: Whole
+    bv_crashes: Whole
+    decisions: Whole
+    millimetres: Whole
     digest: str
-    frames: int
-    bv_millimetres: int
-    crashed: tuple[int, ...]
-    strikes: int
-    avoidable: int
-    exposure: dict[str, tuple[int, ...]]
-    paid: int | None = None
-    strictly: int | None = None
+    frames: Whole
+    bv_millimetres: Whole
+    crashed: tuple[Whole, ...]
+    strikes: Whole
+    avoidable: Whole
+    exposure: dict[str, tuple[Whole, ...]]
+    paid: Whole | None = None
+    strictly: Whole | None = None
 
     @property
     def valid(self) -> int:
