@@ -53,7 +53,7 @@ UNREADABLE = (
     OSError, KeyError, TypeError, ValueError, EOFError, MemoryError, OverflowError, RecursionError, RuntimeError,
     zipfile.BadZipFile, zlib.error, tokenize.TokenError,
 )  # fmt: skip
-"""What `np.load` raises of a damaged file of arrays."""
+"""Exceptions that `np.load` raises for a damaged file of arrays."""
 _LARGEST_WEIGHT = 1e6
 
 _Arrays = Mapping[str, NDArray[Any]]

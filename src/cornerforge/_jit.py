@@ -175,7 +175,7 @@ def _prefetch(_: object, array: Any, row: Any, column: Any) -> tuple[Any, Callab
 
 
 prefetch = cast("Callable[[NDArray[Any], int, int], None]", intrinsic(_prefetch))
-"""For kernels: `prefetch(array, row, column)` asks for memory that will be read soon, and does not wait for it.
+"""Kernels call `prefetch(array, row, column)` to ask for memory that will be read soon; the call does not wait for it.
 
 It changes no result. The array has two axes, the indices are int64, and the element must lie within the array.
 """

@@ -20,7 +20,7 @@ from numba.core import types as numba_types
 __all__ = ["content_hash", "functions_reached"]
 
 _OWN: dict[types.FunctionType, tuple[str, list[Any]]] = {}
-"""Of each function that was asked for: the hash of what stands in it, and what it calls."""
+"""Function that was asked for -> the hash of its content, and the functions that it calls."""
 _PLAIN = (int, float, complex, str, bytes, type(None), type(Ellipsis), np.generic, np.dtype, numba_types.Type)
 
 

@@ -44,14 +44,14 @@ PURPOSE_EXPLORE = 3
 PURPOSE_ACT = 4
 """A policy that acts at random by its values: 1 word used."""
 PURPOSE_CAST = 5
-"""Which policy of a mixture drives a test: 1 word used, step and vehicle 0."""
+"""Policy of a mixture that drives a test: 1 word used, step and vehicle 0."""
 PURPOSE_CLASS = 6
 """The class of a vehicle of the initial traffic."""
 PURPOSE_TRAITS = 7
-"""What stays with a driver: 4 words = its first quantile, its habit, its desired speed and change time (2). The lowest
-bits of the first two: whether it sets the indicator; its noise level and vigilance."""
+"""Traits that stay with a driver: 4 words = its first quantile, its habit, its desired speed and change time (2). The
+lowest bits of the first two: whether it sets the indicator; its noise level and vigilance."""
 PURPOSE_ROULETTE = 8
-"""Which worlds of a tree of tests are driven on: 1 word used."""
+"""Worlds of a tree of tests that are driven on: 1 word used."""
 PURPOSE_GUIDE = 9
 """Whether and how a learning adversary is guided while it explores."""
 

@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 BODY_FIELDS = np.dtype([(body.name, body.recorded.lstrip("<")) for body in BODY], align=True)
-"""What a vehicle brings: its class, 0 for a car, the size of its box [m], how long its lane changes take [s]."""
+"""Constants of a vehicle: its class, 0 for a car, the size of its box [m], how long its lane changes take [s]."""
 
 _OF_CASE = ("seed", "test", "frames", "vehicles", "at", "vehicle_at", "last", "partner")
 _OF_VEHICLE = ("slot", *(BODY_FIELDS.names or ()))

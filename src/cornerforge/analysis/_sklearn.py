@@ -47,7 +47,7 @@ def k_means(points: FloatArray, k: int, *, n_init: int, seed: int) -> tuple[NDAr
         points: Shape (S, 2) with at least k different rows.
         k: Number of clusters, at least 1.
         n_init: Number of starts; the best is returned.
-        seed: Of the starts.
+        seed: Seed of the starts.
 
     Returns:
         Label of each point, shape (S,); centres, shape (k, 2).
@@ -62,7 +62,7 @@ def refine_k_means(points: FloatArray, centres: FloatArray) -> tuple[NDArray[np.
 
     Args:
         points: Shape (S, 2).
-        centres: To begin with, shape (k, 2), k >= 1.
+        centres: Centres to begin with, shape (k, 2), k >= 1.
 
     Returns:
         Label of each point, shape (S,); centres, shape (k, 2).

@@ -112,7 +112,7 @@ def analyse(
             crash, shape (S, 16, 2, 4); k = 0 is the first frame of contact; NaN where the test had not begun.
         steps: Seconds before the crash that the features look at, 1 to 15.
         seed: Seed of the subsample and of the starts of K-means, 0 to 2^32 - 1.
-        vehicle_length: Of AV and crash partner [m], one number or shape (S, 2).
+        vehicle_length: Length of AV and crash partner [m], one number or shape (S, 2).
         vehicle_width: Width [m], in the same form.
         short: What happens to cases shorter than `steps`: "pad" or "exclude" (see `crash_features`).
 

@@ -36,7 +36,7 @@ __all__ = ["VALUE_COLUMNS", "CaseTable", "ShardReading", "read_shards", "values_
 _WITNESS = [name for name in AVOIDABILITY_SCHEMA.names if name.startswith("witness_")]
 
 _SHARE = (0.0, 1.0 + 1e-9)
-"""With room for rounding."""
+"""Range of a share, with room for rounding."""
 
 VALUE_COLUMNS: tuple[Field, ...] = (
     Field("value_own_doing", "float64", "", "How much it was the AV's own doing, 0 to 1 (docs/adr/0041).", _SHARE),
@@ -46,7 +46,7 @@ VALUE_COLUMNS: tuple[Field, ...] = (
     Field("value_novelty", "float64", "", "Share of the other cases that lie in denser company, 0 to 1.", _SHARE),
     Field("value", "float64", "", "Mean of the four, 0 to 1; null: one of them is not known.", _SHARE, nullable=True),
 )  # fmt: skip
-"""What `values_of` adds."""
+"""Columns that `values_of` adds."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,8 @@ class CaseTable:
             (null where it was not looked for) and `fields.SHORTFALL` (null where the library lacks it), after
             `case_id`.
         witnesses: `AVOIDABILITY_SCHEMA` for the cases that were looked at, with the ways out.
-        reacting: Of these, what reference drivers would have prevented had they reacted faster or more slowly, as
-            `prevented_at` says it.
+        reacting: Cases among these that reference drivers would have prevented had they reacted faster or more slowly,
+            as `prevented_at` says it.
     """
 
     table: pa.Table

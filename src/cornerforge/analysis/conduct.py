@@ -67,7 +67,7 @@ _LOOKS_BACK = 80
 _RECENT = 30
 """Frames before the contact, or before their paths met, in which sideways motion counts."""
 _TURN, _BEYOND = 0.3, 0.2
-"""It has turned when it has come back this far [m]; it has left a lane when its centre was this far beyond the line."""
+"""A vehicle has turned when it came back this far [m]; it has left a lane when its centre was so far over the line."""
 _TURNS = 3
 _ASTRIDE = 35
 """Frames of the 8 s before the contact for which it is astride a line, before it counts as hesitating."""
@@ -333,7 +333,7 @@ def conduct_of(recordings: Recordings, odd: Odd) -> Conduct:
 
     Args:
         recordings: S cases; vehicles other than the AV and its partner are not looked at.
-        odd: Of the cases.
+        odd: Road and rules of the cases.
 
     Raises:
         InputError: As `pair.pair_motion`.

@@ -71,7 +71,7 @@ def find_contact(
 
     Args:
         pose: [x m, y m, speed along the road m/s, heading rad] of the AV (0) and the BV (1), shape (S, 2, 4), finite.
-        length: Of the boxes [m], one number or shape (S, 2), each 0.1 to 50.
+        length: Length of the boxes [m], one number or shape (S, 2), each 0.1 to 50.
         width: Width of the boxes [m], in the same form.
 
     Raises:

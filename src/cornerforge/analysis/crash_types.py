@@ -68,7 +68,7 @@ def classify_crashes(
     Args:
         pose: [x m, y m, speed m/s, heading rad] of the AV (0) and the BV (1) in the first frame of contact,
             shape (S, 2, 4).
-        length: Of the vehicles [m], one number or shape (S, 2), each 0.1 to 50.
+        length: Length of the vehicles [m], one number or shape (S, 2), each 0.1 to 50.
         width: Width of the vehicles [m], in the same form.
 
     Raises:

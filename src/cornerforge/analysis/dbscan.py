@@ -71,7 +71,7 @@ def majority_of(labels: NDArray[np.intp]) -> NDArray[np.bool_]:
     When no cluster is large enough, the largest alone is the majority; when there is no cluster, everything is.
 
     Args:
-        labels: Of `dbscan`, shape (S,).
+        labels: Result of `dbscan`, shape (S,).
     """
     sizes = np.bincount(labels + 1, minlength=1)[1:]
     if sizes.size == 0:
@@ -140,7 +140,7 @@ def choose_eps(points: NDArray[np.float64], min_samples: int) -> float:
 
     Args:
         points: Shape (S, 2), not all equal.
-        min_samples: Of DBSCAN.
+        min_samples: Parameter of DBSCAN.
     """
     distance = np.sort(neighbour_distance(points, min(len(points), 2 * min_samples)))
     distance = distance[distance > 0.0]

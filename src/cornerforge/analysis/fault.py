@@ -302,7 +302,7 @@ def _broken_rules(
     """The rule that one vehicle breaks from each frame to the next, `_NONE` where it keeps them, shape (S, T - 1).
 
     Args:
-        motion: Of the pair.
+        motion: Motion of the pair.
         vehicle: `AV` or `BV`.
         duties: The vehicle's.
         rules: All numbers.

@@ -31,7 +31,7 @@ MAX_STEPS = 15
 """Longest history that the paper looks at [s]."""
 
 ShortCases = Literal["pad", "exclude"]
-"""What happens to a case that began less than `steps` seconds before its crash."""
+"""Treatment of a case that began less than `steps` seconds before its crash."""
 
 _HEADING = 3
 _BLOCK = 65_536
@@ -43,7 +43,7 @@ class Features:
 
     Attributes:
         names: One per column, such as `r_lon_1s`: the feature and how long before the crash.
-        values: In SI units, not scaled, shape (S', 5 x steps), finite.
+        values: Features in SI units, not scaled, shape (S', 5 x steps), finite.
         kept: Rows of the input that `values` stands for, ascending, shape (S',).
         padded: How many of them began too late and repeat their earliest recorded second.
         excluded: How many rows were left out for that reason.
@@ -131,7 +131,7 @@ class Scaling:
     """Means and spreads that turn features into z-scores, (values - mean) / spread; by blocks, without a second table.
 
     Attributes:
-        mean: Of each column, in SI units, shape (F,).
+        mean: Mean of each column, in SI units, shape (F,).
         spread: Standard deviation of each column (divisor n), shape (F,); inf for constant ones, so that they become 0.
     """
 

@@ -16,7 +16,7 @@ class FirstCase:
     """The case to look at first.
 
     Attributes:
-        row: Of the case.
+        row: Row of the case.
         kind: What it is typical of, such as its mechanism.
         rows: All cases of this kind that matter, ascending, shape (K,).
     """
@@ -62,7 +62,7 @@ def first_case(
 
 
 PREVENTION = ("by braking", "holding the speed is enough", "nobody", "not judged")
-"""What would have prevented a case, by the reference drivers: in the first two they would have."""
+"""Prevention of a case by the reference drivers: in the first two they would have prevented it."""
 
 
 def preventions(prevented_by: Sequence[str | None], held_speed_prevents: Sequence[bool | None]) -> NDArray[np.str_]:

@@ -49,7 +49,7 @@ class Flaw:
     Attributes:
         name: A key of `FLAWS`.
         cases: Rows of the cases, ascending.
-        share: Of all crashes, by weight, 0 to 1.
+        share: Share of all crashes, by weight, 0 to 1.
     """
 
     name: str
@@ -61,7 +61,7 @@ def flaws_of(conduct: Conduct, weights: NDArray[np.float64] | None = None) -> li
     """Name the flaws that S cases show, the one with the largest share first; empty: none stands out.
 
     Args:
-        conduct: Of the cases.
+        conduct: Conduct of the cases.
         weights: How often each happens, above 0, shape (S,); None: equal weights.
     """
     weight = np.ones(conduct.code.size) if weights is None else weights
@@ -90,9 +90,9 @@ def in_words(flaws: Sequence[Flaw], intervals: Sequence[Sequence[float]], conduc
     """Say in a sentence or two what the AV does wrong, or that nothing was found.
 
     Args:
-        flaws: Of `flaws_of`.
-        intervals: Of the share of each flaw, 0 to 1.
-        conduct: Of the cases.
+        flaws: Result of `flaws_of`.
+        intervals: Intervals of the share of each flaw, 0 to 1.
+        conduct: Conduct of the cases.
         natural: They are natural cases, and shares are by how often each happens.
     """
     n, wrong = conduct.code.size, int((conduct.code != list(CONDUCTS).index(NO_CONDUCT)).sum())

@@ -100,7 +100,7 @@ def group_features(values: NDArray[np.float64], *, seed: int = 0) -> Grouping:
 
     Args:
         values: Features in SI units, one row per case, shape (S, F), S >= 1, F >= 2, finite.
-        seed: Of the subsamples and the starts of K-means, 0 to 2^32 - 1.
+        seed: Seed of the subsamples and the starts of K-means, 0 to 2^32 - 1.
 
     Raises:
         InputError: The shape is wrong, a value is not finite, or the seed is out of range.

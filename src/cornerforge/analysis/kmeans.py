@@ -67,7 +67,7 @@ def cluster(points: NDArray[np.float64], *, seed: int = 0) -> Clusters:
 
     Args:
         points: Shape (S, 2), S >= 1, finite.
-        seed: Of the subsamples, the reference data and the starts.
+        seed: Seed of the subsamples, the reference data and the starts.
 
     Raises:
         MissingExtraError: scikit-learn is not installed.
@@ -86,7 +86,7 @@ def k_means_in(points: NDArray[np.float64], k: int, *, seed: int = 0) -> tuple[N
     Args:
         points: Shape (S, 2), with at least k different rows.
         k: At least 1.
-        seed: Of the subsample and the starts.
+        seed: Seed of the subsample and the starts.
 
     Returns:
         Label of each point, shape (S,), 0 the largest cluster; mean of each cluster, shape (k, 2).
@@ -117,7 +117,7 @@ def choose_k(points: NDArray[np.float64], *, seed: int = 0) -> Choice:
 
     Args:
         points: Shape (S, 2), finite.
-        seed: Of the subsample, the reference data and the starts.
+        seed: Seed of the subsample, the reference data and the starts.
 
     Returns:
         k from 1 to 8, with the silhouettes and the bound; 1 without these for fewer than 10 cases.

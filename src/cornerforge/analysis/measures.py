@@ -44,7 +44,7 @@ _RANGES = {
     "rad": (-4.0, 4.0),
     "": (0.0, 1.0),
 }
-"""By unit; wide: they tell damage, not what is rare."""
+"""Range of each unit, wide: values outside mean damage, not rarity."""
 
 
 def _column(name: str, unit: str, meaning: str) -> Field:
@@ -118,7 +118,7 @@ class Impact:
 
     Attributes:
         av_mass: Relative to `bv_mass`, in any unit.
-        bv_mass: In the same unit.
+        bv_mass: Mass of the BV, in the same unit.
         restitution: 0 plastic, 1 elastic.
         friction: Between the two bodies where they slide along each other.
 

@@ -37,7 +37,7 @@ def project(values: NDArray[np.float64], scaling: Scaling) -> Projection:
 
     Args:
         values: Features in SI units, shape (S, F), F >= 2, finite.
-        scaling: Of these values.
+        scaling: Mean and spread of these values.
 
     Returns:
         The projection; all zero when there are fewer than two cases or all are alike.

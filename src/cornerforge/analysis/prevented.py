@@ -106,7 +106,7 @@ class Prevention:
     Attributes:
         judged: False where the recording cannot be judged, (C,).
         prevented: (C, drivers), False where not judged.
-        held: By holding the speed alone, (C,), False where not judged.
+        held: Prevented by holding the speed alone, (C,), False where not judged.
         least_ttc: [s], inf where it never closes in, (C, drivers).
         braking: Hardest braking [m/s2], (C, drivers).
     """
@@ -143,7 +143,7 @@ def prevention_of(
     """Let each reference driver drive in the AV's place in each case.
 
     Args:
-        recordings: Of the cases.
+        recordings: Recordings of the cases.
         problems: Why a case cannot be judged (`avoidability.problem_of`); None: it can.
         odd: Road and rules of all of them.
         params: `horizon_s`, `others` and `steers` are read.

@@ -135,7 +135,7 @@ def value_of(parts: Mapping[str, ArrayLike], weights: Mapping[str, float] | None
 
     Args:
         parts: A value for each of `PARTS`, shape (S,), in [0, 1] or NaN.
-        weights: Of the parts, at least 0, not all 0; taken relative to their sum. Equal if None.
+        weights: Weights of the parts, at least 0, not all 0; taken relative to their sum. Equal if None.
 
     Raises:
         InputError: A part or a weight is missing, unknown or out of range, or the shapes differ.

@@ -80,7 +80,7 @@ def crash_cells(
         pose: [x m, y m, speed m/s, heading rad] of the AV (0) and the crash partner (1) at first contact, shape
             (S, 2, 4).
         avoidable: Whether the AV could have avoided it, shape (S,); it takes the place of the striker.
-        vehicle_length, vehicle_width: Of the vehicles [m], one number or shape (S, 2).
+        vehicle_length, vehicle_width: Size of the vehicles [m], one number or shape (S, 2).
 
     Returns:
         Index of each crash's cell, shape (S,), and the names of all cells.
@@ -137,8 +137,8 @@ def variety_of(cell: NDArray[np.integer], names: tuple[str, ...], *, seed: int =
 
     Args:
         cell: Index of each case's cell, 0 to len(names) - 1, shape (S,), S at least 1.
-        names: Of all cells.
-        seed: Of the bootstrap, 0 to 2^32 - 1.
+        names: Names of all cells.
+        seed: Seed of the bootstrap, 0 to 2^32 - 1.
 
     Raises:
         InputError: There are no cases, or an index is out of range.

@@ -226,7 +226,7 @@ def avoidable_by_braking(scenario: Scenario, *, delay_s: float = 1.0, decelerati
     Args:
         scenario: Recording of a test that ended in a crash of the AV; vehicles that never came near may be missing.
         delay_s: From the begin of the manoeuvre (`manoeuvre_begin`) to the AV's reaction [s], 0 to 10.
-        deceleration_mps2: Of the AV [m/s2], 0.1 to 20.
+        deceleration_mps2: Deceleration of the AV [m/s2], 0.1 to 20.
 
     Returns:
         False also when the contact comes before the AV's reaction.

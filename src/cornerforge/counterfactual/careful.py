@@ -39,7 +39,7 @@ __all__ = [
 
 DRIVERS = HOLDS + 1
 AT_ONCE = CAREFUL["reg157"]
-"""It has its braking at once; the others have a jerk of their own, which the ODD may limit further."""
+"""Driver that brakes at once; the others have a jerk of their own, which the ODD may limit further."""
 _DT = FRAME_S
 _PAUSE = 10
 
@@ -235,7 +235,7 @@ def judge_cases(
         reaction: Time from seeing danger to braking, of all drivers [s]; below 0: each has its own (`own_reaction`).
         s: Scratch.
         out: Holds stop - first rows, for the cases in order.
-        tracks: Of each driver in each case [x m, y m, speed m/s, heading rad] in the first F frames from its
+        tracks: Tracks of each driver in each case [x m, y m, speed m/s, heading rad] in the first F frames from its
             `out.begin` on, up to where it is touched, (stop - first, DRIVERS, F, 4); F may be 0 (`no_tracks`).
     """
     for c in range(first, stop):

@@ -94,7 +94,7 @@ def take_over(
         row: The row to write.
         test: The recording.
         frame, slot: Moment and vehicle.
-        acceleration: To which it goes from its own, at the ODD's jerk [m/s2].
+        acceleration: Acceleration that it approaches from its own, at the ODD's jerk [m/s2].
         road: Constants.
     """
     v = w.vehicles

@@ -144,8 +144,8 @@ def allocate_search(decisions: int, frames: int, slots: int) -> SearchScratch:
     """Allocate memory for searches of at most `decisions` decisions.
 
     Args:
-        decisions: Of a way out.
-        frames: Of a recording with its continuation, at most.
+        decisions: Decisions of a way out.
+        frames: Largest number of frames of a recording with its continuation.
         slots: Vehicles of a recording, at most.
     """
     choice, chosen, changes = (np.zeros(decisions + 2, dtype=np.int64) for _ in range(3))

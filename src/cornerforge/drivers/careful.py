@@ -56,9 +56,9 @@ _CC_HUMAN, _REG157, _RSS, _FSM = range(4)
 _HARDEST = 0.774 * 9.81
 """Braking of `cc-human`, and the most of `rss-brake` and `fsm` [m/s2]."""
 _JERK = 12.65
-"""At which they get there [m/s3]."""
+"""Jerk at which they reach it [m/s3]."""
 _DELAY = 0.75
-"""From seeing danger to braking; of `fsm` and `rss-brake` too [s]."""
+"""Time from seeing danger to braking; of `fsm` and `rss-brake` too [s]."""
 _OFF_PEDAL = 0.4
 """Deceleration of `cc-human` while its foot leaves the accelerator [m/s2]."""
 _TTC = 2.0
@@ -96,7 +96,7 @@ class Threat(NamedTuple):
         clear: How much farther the driver must come than the other until the driver has passed it [m].
         aside: Free space between the sides [m]; 0 or less: one is in front of the other.
         towards: How fast the other comes nearer sideways [m/s]; negative: it goes away.
-        lead_speed: Of the other [m/s].
+        lead_speed: Speed of the other [m/s].
     """
 
     gap: float
@@ -241,7 +241,7 @@ def drives_into(
     Args:
         kind: Code of `CAREFUL`, or HOLDS.
         scenario: Code of `SCENARIOS`.
-        speed: Of the driver at frame 0 [m/s].
+        speed: Speed of the driver at frame 0 [m/s].
         place: x and y of its centre at frame 0 [m].
         sizes: Length and width of each vehicle [m], (N, 2); row 0 is the driver.
         poses: Rails (F, N, POSE_NUMBERS) (`drivers.rails`).
@@ -300,7 +300,7 @@ def cut_in_poses(poses: NDArray[np.float64], lane_centre: float, ego: float, oth
     """Fill the poses (F, POSE_NUMBERS) of a vehicle that comes, from the right, in front of a driver at x = 0.
 
     Args:
-        poses: To fill.
+        poses: Array to fill.
         lane_centre: y of the driver's lane [m].
         ego, other: Speeds [m/s].
         gap: Between the bumpers when the lateral speed is reached, if the driver holds its speed [m].
@@ -338,7 +338,7 @@ def crashes_at_cut_ins(
         driver: A name of `CAREFUL`.
         ego_speed, cut_in_speed: Along the road, at first [m/s], not negative, shape (*d).
         gap: Between the bumpers, the driver behind, when the lateral speed is reached [m], not negative, shape (*d).
-        lateral_speed: Of the other, towards the driver's lane [m/s], shape (*d); 0: it never comes over.
+        lateral_speed: Lateral speed of the other, towards the driver's lane [m/s], shape (*d); 0: it never comes over.
 
     Returns:
         Shape (*d), True where the boxes overlap at a step.

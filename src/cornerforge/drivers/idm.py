@@ -46,7 +46,7 @@ def desired_gap(speed: float, range_rate: float, p: IdmNumbers) -> float:
     """Compute the IDM's desired gap s* [m], at least the standstill gap.
 
     Args:
-        speed: Of the subject [m/s].
+        speed: Speed of the subject [m/s].
         range_rate: Lead minus subject [m/s]; negative when closing.
         p: Parameters.
     """
@@ -59,7 +59,7 @@ def free_acceleration(speed: float, p: IdmNumbers) -> float:
     """Compute the acceleration without a lead [m/s2]: same bits as `idm_acceleration` for an infinite gap, and cheaper.
 
     Args:
-        speed: Of the subject [m/s].
+        speed: Speed of the subject [m/s].
         p: Parameters.
     """
     ratio = speed / p.desired_speed
@@ -73,7 +73,7 @@ def idm_acceleration(speed: float, gap: float, range_rate: float, p: IdmNumbers)
     """Compute the IDM's acceleration [m/s2], in [-max_braking, max_acceleration].
 
     Args:
-        speed: Of the subject [m/s].
+        speed: Speed of the subject [m/s].
         gap: Bumper-to-bumper distance to the lead [m]; +inf for none; below 0.1 m counts as 0.1 m.
         range_rate: Lead minus subject [m/s]; negative when closing; 0 without a lead.
         p: Parameters.

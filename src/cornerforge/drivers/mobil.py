@@ -12,7 +12,7 @@ from cornerforge.drivers.idm import IdmNumbers, idm_acceleration
 __all__ = ["MobilNumbers", "MobilParams", "mobil_gain"]
 
 NO_CHANGE = -1e9
-"""What `mobil_gain` returns where the change is not safe."""
+"""Result of `mobil_gain` where the change is not safe."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def mobil_gain(
     have to brake harder than `max_imposed_braking`.
 
     Args:
-        speed: Of the subject [m/s].
+        speed: Speed of the subject [m/s].
         acceleration_now: Its IDM acceleration in its own lane [m/s2].
         lead: Gap [m] and speed [m/s] of the vehicle ahead in the new lane; +inf and the subject's speed for none.
         rear: The same for the vehicle behind.

@@ -53,7 +53,7 @@ _MOST_TILT = 32.0
 """Strongest tilt that is looked for [s2/m]: it puts nearly all weight on the outermost possible acceleration."""
 _LAST_WORD = np.uint64(0xFFFFFFFE)
 LEVELS = 1024
-"""So many equally frequent values stand for the distribution of a trait between drivers."""
+"""Number of equally frequent values that stand for the distribution of a trait between drivers."""
 
 Floats = NDArray[np.float64]
 
@@ -300,8 +300,8 @@ def lane_change_base(tables: NddTables, speed: float, lead_gap: float, range_rat
 
     Args:
         tables: The model.
-        speed: Of the subject [m/s].
-        lead_gap: To the vehicle ahead in its lane [m]; +inf for none.
+        speed: Speed of the subject [m/s].
+        lead_gap: Gap to the vehicle ahead in its lane [m]; +inf for none.
         range_rate: Lead minus subject [m/s].
     """
     gap_row, rate_row = table_row(lead_gap, range_rate, NEAREST)

@@ -73,7 +73,7 @@ def move_aside(poses: NDArray[np.float64], way: float, lateral_speed: float, lan
 
     Args:
         poses: (F, POSE_NUMBERS), as `keeps_on` filled them.
-        way: To the left positive [m].
+        way: Lateral way, positive to the left [m].
         lateral_speed: Above 0 [m/s].
         lane: Where it ends.
     """

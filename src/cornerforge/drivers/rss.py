@@ -67,8 +67,8 @@ def rss_distance(
 
     Args:
         rear_speed, lead_speed: [m/s], not negative.
-        response_time: Of the rear vehicle [s].
-        acceleration: Of the rear vehicle during its response time [m/s2], not negative.
+        response_time: Response time of the rear vehicle [s].
+        acceleration: Acceleration of the rear vehicle during its response time [m/s2], not negative.
         rear_braking, lead_braking: [m/s2], positive.
     """
     faster = rear_speed + response_time * acceleration

@@ -48,7 +48,7 @@ class Cluster:
         self._task = ray.remote(_task()).options(num_cpus=1, max_retries=_RETRIES)
         self._cores, self._looked = 0, -1.0
         self.cpu_seconds = 0.0
-        """What the workers took so far."""
+        """Processor time of the workers so far."""
 
     def _workers(self) -> int:
         """Say for how many workers there is to be work."""

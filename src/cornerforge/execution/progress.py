@@ -37,7 +37,7 @@ class Moving:
     """Progress that also moves between two reports, by what a slow AV has answered since the last one.
 
     Args:
-        progress: Is told.
+        progress: Called with the progress.
         answered: Says how many answers there were so far.
         each: How much of the work an answer is, until reports say.
     """

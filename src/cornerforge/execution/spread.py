@@ -34,8 +34,8 @@ def engine(name: str = "threads", *, address: str | None = None, workers: int | 
 
     Args:
         name: "threads": this process; "ray": a Ray cluster (extra `ray`).
-        address: Of a running cluster, "HOST:PORT", or "auto" for the one that this machine belongs to; None: one of
-            this machine alone is started, and stopped at the end of the block.
+        address: Address of a running cluster, "HOST:PORT", or "auto" for the one that this machine belongs to; None:
+            one of this machine alone is started, and stopped at the end of the block.
         workers: Ranges that are worked on at once, 1 to 100,000; None: as many as the cluster has cores.
 
     Raises:

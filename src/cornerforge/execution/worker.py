@@ -39,7 +39,7 @@ def work_on(code: str, name: str, fetch: Callable[[], bytes], ranges: Sequence[t
 
     Args:
         code: `code_hash` of the program that asks.
-        name: Of the work; what was unpacked under a name is kept.
+        name: Name of the work; the content unpacked under a name is kept.
         fetch: Gets the packed work. It is unpacked into memory of our own: shared memory would be read-only, and
             kernels are compiled for arrays that can be written.
         ranges: What to work on.

@@ -140,7 +140,7 @@ def of_moving(case: MovingCase, *, set_speed: float | None = None, licence: str 
 
     Args:
         case: The case.
-        set_speed: At which speed an AV is set to drive [m/s]; None: as `cases.script_of` says.
+        set_speed: Speed that an AV is set to drive [m/s]; None: as `cases.script_of` says.
         licence: What may be done with it.
 
     Raises:

@@ -264,7 +264,7 @@ def fill_library(
     Args:
         run: The experiment.
         out: The library's folder.
-        seed: Of the tests.
+        seed: Seed of the tests.
         cases: Stop at this many stored cases; the test of the last case is the last counted.
         tests: Stop after this many tests.
         threads, progress, stage: As for `simulate`.

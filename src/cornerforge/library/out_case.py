@@ -27,11 +27,11 @@ Fact: TypeAlias = bool | int | float | str | None
 MOST_VEHICLES = 200
 """More vehicles are no case on rails: the road of a test has room for some dozens."""
 NAME_PATTERN = "^[A-Za-z0-9][A-Za-z0-9_-]{0,99}$"
-"""What a case can be called; the schema of case files says the same."""
+"""Allowed names of a case; the schema of case files says the same."""
 _LONGEST_NAME = 80
 """Longer names of others are cut: there is room for a number behind them."""
 _MOST_FACTS, _LONGEST_FACT, _LONGEST_FACT_NAME, _LARGEST_FACT, _LARGEST_WHOLE = 1_000, 10_000, 200, 1e300, 2**63 - 1
-"""What a case file can hold of facts."""
+"""Limits of facts in a case file: how many, length of a text, length of a name, size of a number."""
 _SURE_DIGITS = 15
 """Digits of whole numbers that every reader of JSON keeps; more are rather a hash."""
 _LEAST_SPEED, _MOST_SPEED = 10.0, 80.0
@@ -222,7 +222,7 @@ def script_of(case: MovingCase, *, set_speed: float | None = None, seed: int = 0
 
     Args:
         case: The case.
-        set_speed: At which speed the AV is set to drive [m/s]; None: at the one it starts with, but at least 10 m/s.
+        set_speed: Speed that the AV is set to drive [m/s]; None: its speed at the start, but at least 10 m/s.
         seed, test: Name of the case in a library, and what an AV from outside is told.
 
     Raises:

@@ -74,9 +74,9 @@ def case_record(
         scenario: Recording that ends in a crash of the AV.
         trajectory_digest: Hex digest to store instead of the recording's (`sim.recorder.scenario_digest`).
         extra: Own columns, the same for all cases of a library; names end in their unit where they have one.
-        start: Of a scripted case all states at frame 0 (`sim.scripted.Script.start`); all vehicles are stored
-            then. None for a test of a seed.
-        poses: Of a scripted case on rails where the others are told to be (`sim.scripted.Script.poses`).
+        start: All states of a scripted case at frame 0 (`sim.scripted.Script.start`); all vehicles are stored then.
+            None for a test of a seed.
+        poses: Rails of the others in a scripted case on rails (`sim.scripted.Script.poses`).
 
     Raises:
         InputError: The scenario holds no AV crash, or an extra name cannot be a column.

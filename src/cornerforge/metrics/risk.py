@@ -79,9 +79,9 @@ def contact_time(
     Args:
         offset: Centre of B minus centre of A [m], shape (T, 2).
         velocity: Velocity of B minus velocity of A [m/s], shape (T, 2).
-        heading_a: Of A, counter-clockwise [rad], shape (T,).
-        heading_b: Of B, shape (T,).
-        lengths, widths: Of A and B [m], numbers or (T,).
+        heading_a: Heading of A, counter-clockwise [rad], shape (T,).
+        heading_b: Heading of B, shape (T,).
+        lengths, widths: Lengths and widths of A and B [m], numbers or (T,).
 
     Returns:
         Shape (T,), in [0, inf]: 0 where the boxes overlap, +inf where they never touch, NaN where an input is NaN.

@@ -31,8 +31,8 @@ def rss_longitudinal(
 
     Args:
         rear_speed, lead_speed: [m/s], shape (*d), not negative.
-        response_time: Of the vehicle behind [s], not negative.
-        acceleration: Of the vehicle behind meanwhile, at most [m/s2], not negative.
+        response_time: Response time of the vehicle behind [s], not negative.
+        acceleration: Largest acceleration of the vehicle behind meanwhile [m/s2], not negative.
         rear_braking: Least braking of the vehicle behind [m/s2], positive.
         lead_braking: Hardest braking of the vehicle ahead [m/s2], positive.
 

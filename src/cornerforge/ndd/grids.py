@@ -70,4 +70,4 @@ GAP_GRID = Grid(0.0, 1.0, 116)
 RANGE_RATE_GRID = Grid(-10.0, 1.0, 19)
 """Range rate [m/s], lead minus subject; negative is closing."""
 LACK_GRID = Grid(-6.0, 0.5, 25)
-"""What a driver's speed lacks to its desired speed [m/s]; negative: it drives faster."""
+"""Desired speed minus speed of a driver [m/s]; negative: it drives faster."""

@@ -144,7 +144,7 @@ _REASONS = {
     "far": ("free_gap_low", "time_gap_shift", "time_gap_median", "time_gap_sigma"),
     "ttc": ("min_ttc", "rr_scale", "speed_sd"),
 }
-"""By the reason for which a draw is refused, the numbers that decide it."""
+"""Reason for refusing a draw -> the numbers that decide it."""
 
 
 def _said(initial: InitialState, reason: str) -> str:

@@ -65,7 +65,7 @@ class Oversight:
     Attributes:
         rarest_chance: Smallest chance of an action under the attentive model, in [0, 1]; 0 is "an attentive driver
             never does that"; None without a decision.
-        rare_action: That is below 1e-3. By itself no proof: it holds for 5 of 300 ordinary stretches of 5 s.
+        rare_action: That chance is below 1e-3. This alone is no proof: 5 of 300 ordinary stretches of 5 s have it.
         overlooked: A lane change was begun that more likely than not came about by overlooking a neighbour.
         looked_away: Its driver looked away from the road in one of these seconds.
     """
@@ -149,8 +149,8 @@ def oversight(chances: ActionChances, crash_time: float, overlook: float, overlo
     half it counts as overlooked.
 
     Args:
-        chances: Of the crash partner.
-        crash_time: Of the contact [s], above 0; decisions are 1 s apart, the first at 0.
+        chances: Chances of the crash partner.
+        crash_time: Time of the contact [s], above 0; decisions are 1 s apart, the first at 0.
         overlook, overlook_conflict: The model's chances to overlook a neighbour, and one that starts into the same lane
             at the same moment.
     """

@@ -50,7 +50,7 @@ class NaturalCrashes:
 
     Args:
         run: Natural traffic, no adversary.
-        seed: Of the tests.
+        seed: Seed of the tests.
     """
 
     def __init__(self, run: Experiment, seed: int) -> None:

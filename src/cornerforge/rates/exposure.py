@@ -54,7 +54,7 @@ def bv_travel(
 
     Args:
         setting, slots: The run and its vehicle slots per world.
-        seed: Of the tests.
+        seed: Seed of the tests.
         tests: How many, at least 1.
         threads: Pool size; does not change the result.
         drive: Function that drives a chunk (`sim.runner.simulate`).

@@ -33,7 +33,7 @@ __all__ = [
 Floats = NDArray[np.float64]
 
 FEWEST_DRAWS = 5
-"""With fewer drawn models nothing is said of their spread."""
+"""Fewest drawn models from which their spread is estimated."""
 CRASHES_OF_PEOPLE = 1.9e-6
 """Police-reported crashes per vehicle-mile (NHTSA 2023; docs/adr/0027-human-errors.md)."""
 _KNOWN_TO = math.log(3.0)
@@ -120,7 +120,7 @@ def traffic_weights(bv_crashes: Floats, bv_miles: float) -> Floats:
 
     Args:
         bv_crashes: Crashes between BVs in tests of each model, shape (M,), 0 or more.
-        bv_miles: That the BVs of one model drove, above 0.
+        bv_miles: Miles that the BVs of one model drove, above 0.
 
     Raises:
         InputError: A number is not what it must be.
@@ -153,7 +153,7 @@ def model_spread(counts: Floats, exposures: Floats, weights: Floats | None = Non
 
     Args:
         counts: Crashes of each draw, 0 or more, whole or not, shape (M,), M at least 5; not all 0.
-        exposures: In which they were found (tests, or what `effective_counts` says), above 0, shape (M,).
+        exposures: Tests in which they were found, or exposures of `effective_counts`, above 0, shape (M,).
         weights: How much each draw counts, 0 or more, shape (M,), so that at least 5 count effectively; None: equal
             weights. Their scale does not matter.
 
@@ -244,7 +244,7 @@ def interval_with_model(rate: float, sampling: tuple[float, float], spread: Mode
     Args:
         rate: Above 0.
         sampling: Its 95 % interval; 0 <= low <= rate <= high.
-        spread: Of drawn models.
+        spread: Spread of drawn models.
 
     Returns:
         A 95 % interval, never inside of `sampling`; low is 0 where the low of `sampling` is 0.

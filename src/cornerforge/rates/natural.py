@@ -23,7 +23,7 @@ __all__ = ["Kinds", "natural_shares"]
 
 
 Kinds = Sequence[str | None]
-"""What kind each case is, None: not known."""
+"""Kind of each case, None: not known."""
 
 
 class _Rates:
@@ -69,10 +69,10 @@ def natural_shares(
     """Compute natural rates of all kinds.
 
     Args:
-        weights: Of the cases, above 0, shape (S,).
-        odd: Of the library.
+        weights: Weights of the cases, above 0, shape (S,).
+        odd: Road and rules of the library.
         kinds: "clusters", "crash_types", "mechanisms", "fault" and "conducts": what each case is.
-        prevented: By name, whether a reference driver would have prevented each case, shape (S,).
+        prevented: Whether a reference driver, by name, would have prevented each case, shape (S,).
         avoidable: Whether a way out was found, shape (S,).
         avoidable_after_s: How long after the begin of the manoeuvre it may begin [s].
         looked_at: Whether the case was drawn for that, shape (S,).

@@ -38,7 +38,7 @@ _STORE_SECONDS = 600.0
 """Time between two updates of the library and `rate.json` [s]; each writes a shard, so not every block does."""
 _COLUMNS = ("test", "crash_type", "mechanism", "at_start", "rare_action", "overlooked", "looked_away")
 ENOUGH_TO_FORESEE = 10
-"""From so many crashes on one can say how many tests a target will need."""
+"""Fewest crashes from which the tests for a target can be estimated."""
 ASKED = "asked for"
 """The reason for a method that the user named."""
 

@@ -83,7 +83,7 @@ class Splitting:
 
     Args:
         run: Natural traffic.
-        seed: Of the user; teaching and trees have seeds of their own made from it.
+        seed: Seed from the user; teaching and trees have seeds of their own made from it.
         out: The output folder, or None.
         tilted: Tests are drawn from proposals instead of copied: importance sampling.
     """
@@ -104,7 +104,7 @@ class Splitting:
         self._plan: Plan
         self._splitting_plan: Plan
         self.taught = Cost(tests=0, cpu_seconds=0.0)
-        """What teaching took."""
+        """Cost of teaching."""
         self._level = 0.0
         self._teaching_seconds = 0.0
 

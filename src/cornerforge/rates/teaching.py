@@ -54,7 +54,7 @@ Floats = NDArray[np.float64]
 _EXPLORING = 16_000
 _ROUNDS = (32_000, 64_000)
 TEACHING_TREES = _EXPLORING + sum(_ROUNDS)
-"""So many trees are driven to teach a network."""
+"""Number of trees that are driven to teach a network."""
 _SHIPPED = Path(__file__).with_name("danger.npz")
 _LEVEL = 3.0
 _EXPLORE, _EXPLORE_LATER = 0.1, 0.05
@@ -63,7 +63,7 @@ _LEAST_RISE = 0.1
 _FORGET = 10.0
 _LOOK_AHEAD_S = 2.0
 _SHARES, _POWERS, _CANDIDATES = (0.1, 0.5, 0.4), (0.0, 1.0, 1.6), 3
-"""Of a tilt: nature; by the danger; more than by the danger, as it changes by what is not listed too."""
+"""Proposals of a tilt: nature; by the danger; more than by the danger, because unlisted acts change it too."""
 _PILOT = 4_000
 _STEPS = 4_000
 _NOTHING = 1e-9
@@ -83,7 +83,7 @@ class Taught:
         network: The danger.
         level: Mean danger at the start of a test; about the crash rate, if the network is right.
         tests: Trees driven.
-        cpu_seconds: Of driving and learning.
+        cpu_seconds: Processor time of driving and learning.
     """
 
     network: danger.Network
@@ -145,7 +145,7 @@ def teach(
 
     Args:
         setting, slots: The run, natural.
-        seed: Of the trees, and of what is learned in which order.
+        seed: Seed of the trees and of the order of learning.
         threads: Pool size; does not change the result.
         driver: As of `drive_trees`.
         tell: Called with name and trees of each round.
@@ -182,7 +182,7 @@ class DangerLearner:
     """A network that learns.
 
     Args:
-        seed: Of its first weights, and of what it learns in which order.
+        seed: Seed of its first weights and of the order of learning.
         known: The network that it begins with; None: random weights.
     """
 

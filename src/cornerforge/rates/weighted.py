@@ -51,7 +51,7 @@ class WeightedRate:
         unit: What has a weight, for words: "trees" or "tests".
         rate: Their mean.
         error: Its standard error.
-        skewness: Of the mean: skewness of the weights over the root of n; 0 if all are equal.
+        skewness: Skewness of the weights over the root of n, so of their mean; 0 if all are equal.
         low, high: 95 % interval, corrected for skewness; low is at least 0.
         half_width, half_width_90: Half of the 95 % and of the 90 % interval over the rate; infinite without a crash.
         effective: (sum)^2 / sum of squares: so many equal weights would be as exact, nearly; 0 without a crash.

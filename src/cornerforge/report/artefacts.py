@@ -147,9 +147,9 @@ class Artefacts:
     Attributes:
         out: Folder of the page.
         library, analysed_in: The library, and the folder of its analysis.
-        summary: In numbers.
-        training, exposure: Of a run; None of a library.
-        analysis, points: Of the library.
+        summary: Numbers of the page.
+        training, exposure: Results of a run; None for a library.
+        analysis, points: Analysis and points of the library.
         provenance: Where it comes from.
         command: What writes the page again.
     """
@@ -179,7 +179,7 @@ class Emptiness:
     """Artefacts of a run for some hours in which the adversary made the AV crash in no test.
 
     Attributes:
-        summary: In numbers.
+        summary: Numbers of the run.
         provenance: Where it comes from.
     """
 
@@ -322,7 +322,7 @@ def _summary(file: Path, command: str) -> Summary:
 
 @dataclass(frozen=True)
 class _Times:
-    """When the points of the training curve were reached [s], as a provenance may say."""
+    """Times at which the points of the training curve were reached [s], as a provenance may say."""
 
     point_seconds: tuple[float, ...] | None = None
 

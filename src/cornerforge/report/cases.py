@@ -23,7 +23,7 @@ __all__ = ["case_data", "first_shown", "ghost", "load_scenarios"]
 SIGHT_M = 110.0
 """Vehicles are kept while they are this near to the AV along the road [m]; the widest view shows 100 m each way."""
 SHOWN_S = 30.0
-"""At most this much of a test is kept, counted back from its end [s]."""
+"""Longest part of a test that is kept, counted back from its end [s]."""
 FRAMES_PER_DECISION = round(1.0 / FRAME_S)
 
 

@@ -41,7 +41,7 @@ ADVERSARY = "#D55E00"
 CLUSTER_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#8C6D1F", "#7A7A7A")
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "pentagon", "hexagon", "hourglass")
 MAX_POINTS, MAX_ALL_POINTS = 3000, 12_000
-"""At most this many points of a cluster, and of all, are drawn, evenly taken from its list: the page stays small."""
+"""Largest number of points drawn of a cluster, and of all, evenly taken from the list: the page stays small."""
 
 
 def rate_figure(rates: list[Rate], natural: Rate | None) -> Figure:

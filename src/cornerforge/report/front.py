@@ -66,8 +66,8 @@ class Known:
     """Content of the first screen.
 
     Attributes:
-        analysis: Of the page's library.
-        natural: Of the natural cases; None: there are none. The same as `analysis` where the library is natural.
+        analysis: Analysis of the page's library.
+        natural: Analysis of natural cases, or None; the same as `analysis` where the library is natural.
         kinds: How often natural kinds happen, as parts of `road` (`road.on_road`).
         cases: The natural cases.
         road: How often the AV crashes on the road; None: not known.

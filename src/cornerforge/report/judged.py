@@ -101,7 +101,7 @@ CONDUCT_WORDS = dict(
         strict=True,
     )
 )
-"""What the AV did wrong, in a few words."""
+"""Mistakes of the AV, in a few words."""
 
 
 def conducts_in_words(found: OwnDoing, words: Mapping[str, str] = CONDUCT_WORDS) -> dict[str, int]:
@@ -122,7 +122,7 @@ def read_table(file: Path, names: list[str], command: str, case_ids: Iterable[st
 
     Args:
         file: The file.
-        names: Of the columns.
+        names: Names of the columns.
         command: What writes the file again, for messages.
         case_ids: Cases to read; None for all.
 

@@ -53,7 +53,7 @@ KINDS: dict[str, tuple[str, str]] = {
     ),
     "other": ("another way", "The AV and another vehicle touch in a way that has no name here."),
 }  # fmt: skip
-"""Of each mechanism (`analysis.mechanism`) a few words about the AV, and a sentence."""
+"""Mechanism (`analysis.mechanism`) -> a few words about the AV, and a sentence."""
 
 
 def kind_in_words(kind: str) -> str:

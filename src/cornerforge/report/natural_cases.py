@@ -19,9 +19,9 @@ class NaturalCases:
     """Columns of S cases.
 
     Attributes:
-        case_id, mechanism, crash_type: Of each; mechanism "" where the library does not say it.
+        case_id, mechanism, crash_type: Facts of each case; mechanism "" where the library does not say it.
         weight: Crashes per test that it stands for, shape (S,).
-        points: In the plane of the principal components, shape (S, 2).
+        points: Places in the plane of the principal components, shape (S, 2).
         prevention: What would have prevented it, one of `analysis.first_case.PREVENTION`, shape (S,).
     """
 

@@ -44,8 +44,8 @@ class RoadNumbers(NamedTuple):
     """`Odd` as kernels take it; units as there.
 
     Attributes:
-        length, width: Of a car [m].
-        longest, widest: Of any class that may occur [m].
+        length, width: Length and width of a car [m].
+        longest, widest: Size of the largest class that may occur [m].
         one_size: Only cars may occur.
         truck_lanes: Lanes that trucks change to, counted from the right: of three or more all but the leftmost.
         ramp_time: 1 / `Odd.max_jerk`: how long a change of the acceleration takes [s per m/s2], 0: no time.

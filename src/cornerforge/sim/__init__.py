@@ -232,6 +232,6 @@ _PLACES: dict[str, tuple[str, ...]] = {
     # modules
     "": ("av_scene", "bicycle", "lockstep", "statistics", "steering"),
 }  # fmt: skip
-"""By module, the names that it gives; modules that are given as a whole come last."""
+"""Module -> the names that it gives; modules given as a whole come last."""
 
 __getattr__ = door("cornerforge.sim", {name: module for module, names in _PLACES.items() for name in names})

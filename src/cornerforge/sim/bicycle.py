@@ -64,9 +64,9 @@ class Motion(NamedTuple):
 
     Attributes:
         ahead, y, heading: Pose of its box's centre: along the road from anywhere [m], across it [m], [rad].
-        speed: Of its rear axle, where it points [m/s], in [0, max_speed].
-        acceleration: Of the rear axle too [m/s2].
-        curvature: Of its way now, to the left positive [1/m].
+        speed: Speed of its rear axle, where it points [m/s], in [0, max_speed].
+        acceleration: Acceleration of the rear axle too [m/s2].
+        curvature: Curvature of its way now, positive to the left [1/m].
     """
 
     ahead: float
@@ -85,7 +85,7 @@ def roll(m: Motion, command: float, wish: float, length: float, road: RoadNumber
         m: Its motion before.
         command: Acceleration to which it goes [m/s2].
         wish: Curvature that it wants, to which it goes within its limits [1/m].
-        length: Of the vehicle [m].
+        length: Length of the vehicle [m].
         road: Constants.
 
     Returns:

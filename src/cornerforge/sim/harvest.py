@@ -523,7 +523,7 @@ class Buffers(NamedTuple):
     """The memory that `harvest_range` drives in.
 
     Attributes:
-        world, scratch: To drive in.
+        world, scratch: Memory to drive in.
         counted: What is kept of a test that is not recorded: counts.
         whole_counted: What is kept of a test that is recorded at once: counts, frames and decisions.
         whole: What is kept of a crashed test that is driven again: frames and decisions.

@@ -63,7 +63,7 @@ class Decisions(NamedTuple):
     """Record of the decisions of one test.
 
     Attributes:
-        action: Of every vehicle, (K, N).
+        action: Action of every vehicle, (K, N).
         controlled: Slot of the critical BV, (K,); -1 for none.
         log_prob: Natural log of the probability of the critical BV's action under the NDE, given what the AV chose at
             that moment, (K,); 0 without a critical BV.
@@ -106,7 +106,7 @@ class Windows(NamedTuple):
         counts: Counts with a leading axis of W.
         states: The first tests after 0, 1, ... whole seconds, (tests, seconds, N) of `fields.FRAME_FIELDS`, all absent
             before; with 0 tests nothing is noted.
-        lengths: Of the vehicles of the same tests [m], (tests, N).
+        lengths: Lengths of the vehicles of the same tests [m], (tests, N).
     """
 
     until: NDArray[np.int64]

@@ -57,7 +57,7 @@ OVER, AV_MUST_ANSWER, BV_MUST_ANSWER, MILESTONE = range(4)
 """Why `advance` returned. OVER: the test is over, `state.outcome` says how. AV_MUST_ANSWER, BV_MUST_ANSWER: it waits
 for an answer from outside. MILESTONE: the seconds that were asked for have passed."""
 NEVER = 2**62
-"""As `until` of `advance`: no milestone."""
+"""Value of `until` in `advance` for no milestone."""
 _NOBODY_MUST = -1
 _ACCELERATIONS = ACCELERATIONS
 _MIDDLE = np.uint64(2**31)

@@ -53,8 +53,8 @@ class Scratch(NamedTuple):
 
     Attributes:
         words: The random words with which each slot decides (`_philox.blocks`), uint64 (4, N).
-        steering: To which words slots are held in the coming second; only what drives trees of tests fills it.
-        front: In a walk from the front to the rear, slot of the last vehicle passed in each lane, (MAX_LANES,).
+        steering: Words to which slots are held in the coming second; only trees of tests fill it.
+        front: Slot of the last vehicle passed in each lane in a walk from the front to the rear, (MAX_LANES,).
         least, most: How far a slot drives within the second at least and at most, (N,) [m].
         is_watched: Marks of `reach.choose_current`, (N,).
         ahead, behind: Upper bound of the distance to the AV's nearest vehicle in each lane, (MAX_LANES,) [m].

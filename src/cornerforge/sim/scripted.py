@@ -57,7 +57,7 @@ NATURAL = NO_ACTION
 equally likely). In recordings it stands where a vehicle is absent, and means nothing."""
 
 TRAITS = ("quantile", "habit", "desired_speed", "change_time", "signals", "away", "noise", "inattention")
-"""What a driver brings along; starts that were stored before drivers had it lack these fields (`average_traits`)."""
+"""Traits of a driver; starts that were stored before drivers had them lack these fields (`average_traits`)."""
 _MOST_FAULTS = 20
 _LEAST_SIZE, _MOST_SIZE = (0.5, 0.3), (30.0, 4.0)
 """Length and width [m] that a vehicle on rails may have."""

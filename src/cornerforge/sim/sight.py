@@ -21,7 +21,7 @@ DECIDED = SightNumbers(BY_DECISION, 0.0, 0.0, False)
 HUMAN = numbers_of_sight(Sight(indicators=True))
 """How BVs see each other and the AV."""
 VISIBLE = numbers_of_sight(Sight())
-"""What is shown to an AV from outside."""
+"""Sight that an AV from outside has."""
 _BY_CENTRE, _BY_DECISION, _BY_MOTION = BY_CENTRE, BY_DECISION, BY_MOTION
 
 

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 __all__ = ["ALL_WORDS", "AWAY", "LANE", "Steering", "allocate_steering", "hold_to", "let_go", "steer", "words_below"]
 
 ALL_WORDS = 2**32
-"""So many random words there are."""
+"""Number of random words."""
 LANE, AWAY = range(2)
-"""What is steered: the word about lanes; the draw about looking away."""
+"""Steered draws: the word about lanes; the draw about looking away."""
 _LOW_HALF, _HIGH_HALF, _HALF, _WHOLE = np.uint64(0xFFFF), np.uint64(0xFFFF0000), np.uint64(16), np.uint64(32)
 
 

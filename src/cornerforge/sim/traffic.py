@@ -284,7 +284,7 @@ def naming_tests(worlds: World) -> Iterator[None]:
     """Add the test to an `UndrawableError` from kernels, because their messages are constant.
 
     Args:
-        worlds: In which tests start: a world or a batch.
+        worlds: World or batch in which tests start.
     """
     try:
         yield

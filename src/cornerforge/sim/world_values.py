@@ -40,7 +40,7 @@ _WITHIN: dict[str, tuple[float, float]] = {
     "state.av_alarmed": _TENTHS,
     "seen.as_what": (0, 2),
 }
-"""By array and field; what is not named, a real number within a thousand kilometres, or a number of things."""
+"""Ranges by array and field; others are real numbers within a thousand kilometres, or numbers of things."""
 
 
 def world_fault(world: World, n_lanes: int = MAX_LANES) -> str | None:

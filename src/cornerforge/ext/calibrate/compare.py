@@ -61,7 +61,7 @@ class SimulatedQuantity:
     """A quantity of simulated traffic by speed.
 
     Attributes:
-        unit: Of the quantity.
+        unit: Unit of the quantity.
         low, width: First edge and width of the bins.
         counts: States by speed class (0, 1, ... m/s, to the nearest) and bin, shape (41, k); the end bins hold what
             lies beyond.
@@ -83,8 +83,8 @@ class SimulatedTraffic:
     """Free-running simulated traffic.
 
     Attributes:
-        quantities: By name: gap, time_gap, range_rate, acceleration_following, acceleration_free, inverse_ttc,
-            accepted_lead_gap, accepted_rear_gap.
+        quantities: Quantities by name: gap, time_gap, range_rate, acceleration_following, acceleration_free,
+            inverse_ttc, accepted_lead_gap, accepted_rear_gap.
         lane_changes_per_mile: Over all speeds.
     """
 

@@ -10,7 +10,7 @@ __all__ = ["CUT_IN_FACTS"]
 
 SPMD = "Safety Pilot Model Deployment (D. Zhao's group): 44,373 closing cut-ins at 25-35 m/s"
 _BAND = 2
-"""Of `statistics.CUT_IN_BANDS`: 25 to 35 m/s, where the default environment drives."""
+"""Band of `statistics.CUT_IN_BANDS`: 25 to 35 m/s, where the default environment drives."""
 _PERCENTS = (1.0, 5.0, 25.0, 50.0, 75.0)
 QUANTILES = {
     "gap": (10.75, 16.4, 31.39, 46.4, 60.99),

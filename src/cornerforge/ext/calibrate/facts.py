@@ -39,7 +39,7 @@ class Fact(NamedTuple):
         low, high: Ends of the allowed range, both allowed; None where the fact is shown and is no gate.
         measure: Computes the quantity.
         size: Computes the number of states or events behind it.
-        source: Of the published value.
+        source: Source of the published value.
         theme: The table that shows it.
     """
 

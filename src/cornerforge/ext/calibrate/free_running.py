@@ -71,9 +71,9 @@ class Window(NamedTuple):
 _ENDS = (0, 2, 5, 7, 10, 12, 30, 32, 60, 62)
 _WINDOWS = tuple(Window(first, until) for first, until in pairwise(_ENDS))
 DRIFT_WINDOWS = _WINDOWS[::2]
-"""In these the traffic is compared with the facts."""
+"""Windows in which the traffic is compared with the facts."""
 PERIODS = tuple(Window(first, until) for first, until in pairwise((0, 2, 10, 30, 62)))
-"""In these crashes are counted; each is a sum of windows."""
+"""Spans in which crashes are counted; each is a sum of windows."""
 WHOLE = Window(_ENDS[0], _ENDS[-1])
 
 

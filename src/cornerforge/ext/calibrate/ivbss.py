@@ -213,7 +213,7 @@ _OURS_WITHOUT = {
     "initial_speed": "start: speeds",
     "initial_gap": "start: time gaps and range rates",
 }
-"""What comes from the base model if an array is missing; the table with both adjacent vehicles is only compared."""
+"""Parts from the base model if an array is missing; the table with both adjacent vehicles is only compared."""
 
 
 def _report(files: Mapping[str, Mapping[str, Any]], unused: list[str]) -> ImportReport:

@@ -159,7 +159,7 @@ class Coordinates:
     """An array by its entries that are not 0.
 
     Attributes:
-        shape: Of the array.
+        shape: Shape of the array.
         place: Flat index over all axes but the last, shape (k,).
         last: Index along the last axis, shape (k,).
         value: The entries, shape (k,).

@@ -24,7 +24,7 @@ def judged(
         when: Window of time, or file.
         fact, unit: The quantity, in words.
         published: Its published value, or the ends of several; None for none.
-        source: Of the published value.
+        source: Source of the published value.
         found: What was found; None: the quantity was not seen at all.
         n: Number of states, events or pairs behind it.
         interval95: Its interval; None: unknown.

@@ -22,7 +22,7 @@ __all__ = ["LaneChange"]
 Floats = NDArray[np.float64]
 
 _SURE = 0.999
-"""What 999 of 1000 accept, all accept."""
+"""Share from which on all drivers accept: a gap that 999 of 1000 accept, all accept."""
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 LANE_CHANGE_CHOICES = ("fit", "prior")
-"""What `ndd fit --lane-changes` takes."""
+"""Values of `ndd fit --lane-changes`."""
 FEWEST_CHANGES = 30
 """Least number of changes to fit to."""
 WIDTHS: Mapping[str, float] = {
@@ -64,7 +64,7 @@ class FittedNumber:
         interval95: Its 95 % interval, from the curvature.
         prior: The shipped value.
         prior_interval95: The interval with which the prior enters.
-        unit: Of all of these, "" for none.
+        unit: Unit of all these numbers, "" for none.
     """
 
     estimate: float
@@ -86,7 +86,7 @@ class LaneChangeFit:
     """Sources of the lane changes of a model.
 
     Attributes:
-        law: Of the model.
+        law: Law of the model.
         fitted: It was fitted; else it is the shipped prior.
         why: Why it is the prior; empty if it was fitted.
         changes: Lane changes fitted to, or that could have been.

@@ -100,7 +100,7 @@ class LaneTracks:
         along: Centre, growing in the direction of travel [m].
         forward: The file's own positions give the direction of travel.
         speed: NaN where the track is too short to be smoothed [m/s].
-        length: Of the vehicle [m].
+        length: Length of the vehicle [m].
         per_second: Ticks in a second.
     """
 

@@ -58,7 +58,7 @@ class SecondsAtRisk:
     Attributes:
         vehicle: Number of the driver, unique within the file.
         changed: A change to this side begins.
-        speed: Of the subject [m/s].
+        speed: Speed of the subject [m/s].
         own_gap: Bumper-to-bumper distance to the leader in the subject's lane [m]; +inf without one in sight.
         own_rate: Leader's speed minus the subject's [m/s]; 0 without one, here and below.
         lead_gap, lead_rate: The same for the vehicle ahead in the lane on this side; 0 or less: the two overlap.
@@ -167,8 +167,8 @@ class _Crossing(NamedTuple):
     """A lane change.
 
     Attributes:
-        row: At which the new lane stands for the first time.
-        start: At which it began; -1 if that is not in the track.
+        row: First row with the new lane.
+        start: Row at which it began; -1 if that is not in the track.
         lane: The new lane.
         first, until: The rows of the vehicle, the first and one beyond the last.
     """

@@ -20,7 +20,7 @@ __all__ = ["FEWEST_DRIVERS", "FITTED", "IN_PART", "PRIOR", "ModelPart", "parts_o
 FITTED, IN_PART, PRIOR = "fitted", "fitted in part", "prior"
 """Sources of a part. In part: the files and the prior together."""
 FEWEST_DRIVERS = 20
-"""With fewer a part is said to be of too few drivers."""
+"""Least number of drivers; with fewer the part is reported as too few."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class ModelPart:
     """A part of a model and where it comes from.
 
     Attributes:
-        name: In words.
+        name: Name in words.
         source: `FITTED`, `IN_PART` or `PRIOR`.
         why: On how many data, or why it stays the prior; one or two plain sentences.
     """

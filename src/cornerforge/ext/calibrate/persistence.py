@@ -37,7 +37,7 @@ class Pairs(NamedTuple):
     """Counts of followers' behaviour in one block of worlds.
 
     Attributes:
-        time_gaps: By lag: ln time gap of the same follower and leader, first and so many seconds later, (2, m).
+        time_gaps: Lag -> ln time gap of the same follower and leader, first and so many seconds later, (2, m).
         seconds: Two successive seconds of a follower: speed [m/s], gap [m], range rate [m/s] when each begins, and the
             acceleration over it [m/s2], (2, 4, m).
     """
@@ -70,7 +70,7 @@ def pairs_of(states: NDArray[np.void], length: Floats, counted: NDArray[np.bool_
 
     Args:
         states: Vehicles after 0, 1, ... whole seconds, (K, T, N) of `fields.FRAME_FIELDS`; slot 0 is the AV.
-        length: Of the vehicles [m], (K, N).
+        length: Length of the vehicles [m], (K, N).
         counted: Which followers count, (K, T, N).
         lane_width: [m].
     """

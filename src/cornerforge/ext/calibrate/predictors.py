@@ -30,7 +30,7 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 Predictor = Callable[[Decisions], Floats]
-"""From n decisions' states to the probabilities of the 31 accelerations, shape (n, 31)."""
+"""Function from n decisions' states to the probabilities of the 31 accelerations, shape (n, 31)."""
 
 FEWEST_TO_FIT = 200
 IDM_FITS = {"idm": 0.0, "idm_fast": 10.0}

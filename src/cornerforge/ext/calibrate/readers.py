@@ -66,7 +66,7 @@ class Reading:
 
     Attributes:
         path: The file.
-        sha256: Of its bytes.
+        sha256: SHA-256 of its bytes.
         layout: The layout it was recognised as, with the file's own frame rate.
         decisions: One a second.
         rows_read: All rows.

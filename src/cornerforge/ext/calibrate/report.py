@@ -83,7 +83,7 @@ _SCORED = (
     ("fitted stochastic IDM", "idm", "idm_on_grid"),
     ("all accelerations alike", "uniform", "uniform"),
 )
-"""What the page calls a score, and its keys in `scores.held_out_scores`: at all speeds, and on the grid."""
+"""Name of each score on the page, and its keys in `scores.held_out_scores`: at all speeds, and on the grid."""
 _FREE_FACTS = ((20, 0.61, 0.06), (30, 0.38, 0.008), (36, 0.32, 0.004))
 """Speed [m/s], published standard deviation [m/s2] and share at or below -1 m/s2 of free-flow accelerations (IVBSS)."""
 

@@ -80,8 +80,8 @@ def distance(observed: Floats, expected: Floats, width: float, unit: str) -> Dis
     Args:
         observed: Counts by vehicle and bin, shape (V, k), V at least 1 and one count at least.
         expected: Expected counts, the same shape and the same sum for each vehicle.
-        width: Of a bin, in the quantity's unit.
-        unit: Of the quantity.
+        width: Width of a bin, in the quantity's unit.
+        unit: Unit of the quantity.
 
     Returns:
         The distance with basic (reflected) bootstrap intervals, cut off at 0. A sample's distance is biased upwards;

@@ -41,7 +41,7 @@ def check_rows(table: Table, layout: Layout) -> list[str]:
     """Take out and name the rows that cannot be used; sort the others by vehicle and time.
 
     Args:
-        table: Is changed.
+        table: Table that is changed.
         layout: What its columns mean.
 
     Returns:

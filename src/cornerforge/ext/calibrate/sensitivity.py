@@ -52,7 +52,7 @@ def fit_sensitivity(
         data_format: As for `fit_model`.
         prior_strength: Number that the fit in question uses.
         strengths: Other strengths to try.
-        window_factors: Of the smoothing windows, to try.
+        window_factors: Factors of the smoothing windows, to try.
         lane_changes: As for `fit_model`.
         progress: Called with a sentence on each step.
         drive: Gets the variant's name and its model, and says how often its traffic crashes.

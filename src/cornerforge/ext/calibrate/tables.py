@@ -23,7 +23,7 @@ __all__ = ["BadRows", "Table", "file_sha256", "read_header", "read_table"]
 Floats = NDArray[np.float64]
 
 _NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*$"
-"""What counts as a number; "nan" and "inf" do not."""
+"""Form of a number; "nan" and "inf" are not numbers."""
 
 
 @dataclass

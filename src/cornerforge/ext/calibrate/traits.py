@@ -46,7 +46,7 @@ class NoiseSpread:
             in the outer quarters.
         fitted: It is from the decisions; else it is the prior.
         drivers: Drivers with at least `SHORTEST` decisions.
-        interval95: By bootstrap over drivers; NaN for the prior.
+        interval95: Interval by bootstrap over drivers; NaN for the prior.
     """
 
     spread: float

@@ -66,7 +66,7 @@ THEMES = {
         "crossing.",
     ),
 }
-"""Of the checks: name -> title, and what they mean in a sentence."""
+"""Checks: name -> title, and their meaning in a sentence."""
 VALIDATION = "validation.json"
 _PAGE = "validation.html"
 _CURVES = ("time_gap", "gap", "range_rate", "acceleration_following", "acceleration_free")

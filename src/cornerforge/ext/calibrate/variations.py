@@ -30,7 +30,7 @@ __all__ = ["PARTS", "Variation", "counted_decisions", "section", "varied_model"]
 Floats = NDArray[np.float64]
 
 PARTS = ("lane_change", "safe", "law", "model", "memory", "initial", "fit")
-"""What `Variation.part` may be."""
+"""Values that `Variation.part` may have."""
 _REBUILT_WITHIN = 2e-3
 """Largest difference between tables and tables rebuilt from their provenance: 10 bits are kept of each number, and a
 row's largest takes the rest to 1. One decision in a state without others is worth 1 / 201 at strength 200."""

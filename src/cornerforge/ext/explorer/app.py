@@ -29,7 +29,7 @@ POLICY = (
     "media-src 'self' blob:; worker-src 'self' blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
-"""What the page may do: run what the server sends, and ask this server only."""
+"""Rights of the page: run scripts of this server, and ask this server only."""
 _MOST_BYTES = 64 * 1024
 """Longest body of a request: a condition in SQL."""
 _TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "txt": "text/plain", "svg": "image/svg+xml",
@@ -68,7 +68,7 @@ class Guard:
         hosts: Names by which the server may be called, with the port (against DNS rebinding); None: any, since a
             cookie is needed.
         token: What the address must hold once, and a cookie from then on; None: no token is needed.
-        port: In the cookie's name, because browsers keep one of a name for all ports of a host.
+        port: Part of the cookie's name, because browsers keep one of a name for all ports of a host.
     """
 
     def __init__(self, app: ASGIApp, hosts: frozenset[str] | None, token: str | None, port: int) -> None:

@@ -68,7 +68,7 @@ class Column:
         unit: "" for none.
         meaning: One sentence.
         source: "library", "analysis" or "server".
-        values: Of a category the words for each name that occurs, in the order in which they are shown.
+        values: Words for each name of a category, in the order in which they are shown.
     """
 
     name: str
@@ -93,7 +93,7 @@ class CaseTable:
 
     Attributes:
         columns: All known columns.
-        table: In that order; categories are dictionaries, numbers float64, integers int32. S rows.
+        table: Columns in that order; categories are dictionaries, numbers float64, integers int32. S rows.
         rows: The row of each case, by source and id.
     """
 
@@ -158,7 +158,7 @@ def case_table(sources: Sequence[tuple[Source, Analysis | None]]) -> CaseTable:
 
 
 _Part = dict[str, tuple[pa.Field, str, Any]]
-"""Of one source, by name: what the file says of a column, "library", "analysis" or "server", and its values."""
+"""Columns of one source by name: the file's words on each, "library", "analysis" or "server", and its values."""
 
 
 def _rows(part: _Part) -> int:

@@ -105,7 +105,7 @@ def packed(stem: str, files: Mapping[str, bytes]) -> tuple[str, str, bytes]:
 
     Args:
         stem: Begins its name.
-        files: By their names, at least one.
+        files: Files by their names, at least one.
 
     Returns:
         Media type, file name, and content.

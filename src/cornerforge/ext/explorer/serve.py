@@ -38,7 +38,7 @@ __all__ = ["serve", "serve_text"]
 
 _LABELS = {"natural": "Natural traffic", "adversary": "Made by the adversary", "scripted": "Scripted cases"}
 _IDLE_S = 2.0
-"""So long after the page's first questions, kernels are loaded [s]: before, they would only slow the answers down."""
+"""Time from the page's first questions to the loading of kernels [s]: earlier it would slow the answers down."""
 _ENDS_S = 3.0
 """Longest wait for work in the background when the server ends [s]."""
 

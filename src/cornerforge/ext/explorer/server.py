@@ -34,7 +34,7 @@ class Door:
 
     Attributes:
         listening: The socket.
-        host, port: Of the address.
+        host, port: Parts of the address.
         token: Every request needs it; None on loopback.
         usual: The port is the requested one or the usual one.
     """

@@ -17,7 +17,7 @@ from cornerforge.results.stating import from_file
 __all__ = ["FILES", "Analysis", "Source", "read_analysis", "read_ways_out"]
 
 FILES = ("analysis.json", CASES_FILE, POINTS_FILE, WITNESSES_FILE)
-"""What an analysis that is done holds."""
+"""Files of a finished analysis."""
 _WAYS_OUT = ("case_id", "latest_any_s", "witness_x_m", "witness_y_m", "witness_speed_mps", "witness_heading_rad")
 
 

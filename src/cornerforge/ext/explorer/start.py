@@ -175,7 +175,7 @@ def _most_severe(cases: _Cases, but: str | None) -> dict[str, Any] | None:
     """The natural crash with the highest chance of injury among crashes that a careful driver would have prevented.
 
     Args:
-        cases: Of natural traffic.
+        cases: Cases of natural traffic.
         but: Key of a case that is shown already.
     """
     injury, prevention = cases.numbers("av_injury_probability"), cases.texts("prevention")

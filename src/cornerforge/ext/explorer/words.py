@@ -51,7 +51,7 @@ VALUES: dict[str, dict[str, str]] = {
     },
     "group": {"majority": "in dense company", "minority": "apart from the others"},
 }
-"""Of each column with names the words for each name, in the order in which they are shown."""
+"""Words for each name of a column with names, in the order in which they are shown."""
 
 _LABELS = {
     "source": "where it comes from",

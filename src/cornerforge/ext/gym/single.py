@@ -56,7 +56,7 @@ class _SingleEnv(gymnasium.Env[Any, Any]):
         """Begin a test.
 
         Args:
-            seed: Of the random numbers of this test and the following ones. None: the seed given before; one drawn
+            seed: Seed of the random numbers of this test and the following ones. None: the seed given before; one drawn
                 from the operating system's randomness if there was none.
             options: {"test": k} begins test k of the seed, else the test after the last one; the first after a seed is
                 `batch.FIRST_TEST`.

@@ -33,7 +33,7 @@ class ExportOptions:
     """How cases are written.
 
     Attributes:
-        version: Of OpenSCENARIO: 1.0, 1.1, 1.2 or 1.3.
+        version: Version of OpenSCENARIO: 1.0, 1.1, 1.2 or 1.3.
         mode: recorded: all move as recorded. controller: the AV is left to the user, in OpenSCENARIO to a controller,
             in CommonRoad as a planning problem. relative, of OpenSCENARIO: see `ext.interchange.openscenario`.
     """

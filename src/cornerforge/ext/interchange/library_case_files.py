@@ -56,7 +56,7 @@ class CaseFilesOf:
 
         Args:
             case_id: The case.
-            name: Of the case file; None: the case id, with - instead of the colon.
+            name: Name of the case file; None: the case id, with - instead of the colon.
             facts: What else is known; None: a few numbers of the library's.
 
         Raises:

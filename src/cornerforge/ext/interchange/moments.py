@@ -54,8 +54,8 @@ Bools = NDArray[np.bool_]
 MEASURES = ("drac", "ttc", "thw", "contact")
 _UNITS = {"drac": "mps2", "ttc": "s", "thw": "s", "contact": "s"}
 _IN_THE_WAY = 0.3
-"""By how much two boxes overlap across the road when one is in the other's way [m]: recorded widths and places across
-the road are no better than that, and a vehicle that passes in the next lane is not in the way."""
+"""Least overlap of two boxes across the road when one is in the other's way [m]: recorded widths and places across the
+road are no better than that, and a vehicle that passes in the next lane is not in the way."""
 _AHEAD = 100.0
 """How far ahead an ego is looked for others [m]."""
 _BESIDE = 8.0
@@ -63,7 +63,7 @@ _BESIDE = 8.0
 _KEPT_BEHIND, _KEPT_AHEAD = 150.0, 250.0
 """Others that come so near to the ego within the window are in the case [m]."""
 _LONGEST, _NARROWEST = 30.0, 0.3
-"""What the simulator can have on rails: length and width of each [m]."""
+"""Limits of the simulator on rails: length and width of each vehicle [m]."""
 _LEAST_BEFORE, _LEAST_AFTER = 2.0, 1.0
 """Shortest part of a window before and after the moment, where a track begins late or ends early [s]."""
 _SIDEWAYS = 0.2

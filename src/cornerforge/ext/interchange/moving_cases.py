@@ -41,7 +41,7 @@ class CaseOutcome:
     """Outcome of a moving case.
 
     Attributes:
-        name: Of the case.
+        name: Name of the case.
         outcome: CRASH, NO_CRASH or UNKNOWN.
         words: What happened.
         happened: The same as numbers; None where the AV's motion is unknown.
@@ -96,7 +96,7 @@ def library_of(
         cases: At least one.
         out: New or empty folder: the library, or, for several roads, a folder of libraries `road-1`, `road-2`, ...
         set_speed: At which speed the AV is set to drive [m/s]; None: as `library.out_case.script_of` says.
-        seed: Of the library: a case is named seed:number, where it stands among `cases`.
+        seed: Seed of the library: a case is named seed:number, with its number among `cases`.
         progress: Called with the progress.
         world: The AV, and how one from outside is asked; None: "recorded", the vehicle in the AV's place moves as
             recorded.

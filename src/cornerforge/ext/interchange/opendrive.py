@@ -13,7 +13,7 @@ from cornerforge.types import Odd
 __all__ = ["FIRST_METRE", "LAST_METRE", "lane_id", "road_name", "write_road", "write_road_once"]
 
 FIRST_METRE, LAST_METRE = -1000.0, 5000.0
-"""From where to where the road of a case reaches [m], if that is enough."""
+"""Ends of the road of a case [m], if that is enough."""
 _STEP = 1000.0
 _SPEED_OF_NAME = 40.0
 """Speed limit of the built-in ODDs [m/s]; a road with this limit does not name it."""
@@ -82,7 +82,7 @@ def write_road_once(odd: Odd, folder: Path, first: float, last: float) -> str:
 
     Args:
         odd: The road.
-        folder: Of the cases.
+        folder: Folder of the cases.
         first, last: From which x to which x there are vehicles [m].
 
     Raises:

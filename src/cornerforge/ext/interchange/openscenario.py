@@ -75,10 +75,10 @@ class _Track:
     """A vehicle while it is there: frames from `first` on, at least one.
 
     Attributes:
-        name: Of the entity.
+        name: Name of the entity.
         column: In the scenario.
         first: Its first frame.
-        x, y, heading: Of its reference point [m], [rad], (F,).
+        x, y, heading: Pose of its reference point [m], [rad], (F,).
         speed: At its first frame, along its way [m/s].
         leaves: It is gone before the end.
     """
@@ -149,7 +149,7 @@ def write_openscenario(
     Args:
         case: The case.
         folder: Where its files go; it is made.
-        version: Of OpenSCENARIO, one of `VERSIONS`.
+        version: Version of OpenSCENARIO, one of `VERSIONS`.
         mode: One of `MODES`.
         controller: Name of the user's controller, where there is one.
         date: When it was written, in ISO 8601.

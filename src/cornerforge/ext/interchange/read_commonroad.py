@@ -101,7 +101,7 @@ class _Road:
         course: Its line.
         lanes: How many.
         right: Where its right edge is, to the left of the line [m].
-        width: Of a lane [m].
+        width: Width of a lane [m].
     """
 
     course: Course

@@ -103,7 +103,7 @@ class Road:
         left_hand: Its traffic drives on the left.
         pieces: Its reference line, by s.
         sections: Its lanes, by s.
-        offsets: Of its lanes from the reference line, as (s, a, b, c, d).
+        offsets: Offsets of its lanes from the reference line, as (s, a, b, c, d).
         besides: What else stands in it and moves nothing here, for notes.
     """
 
@@ -195,7 +195,7 @@ class Frame:
 
     Attributes:
         road: On which the AV starts.
-        piece: Of its reference line.
+        piece: Piece of its reference line.
         along: 1 if the travel goes along s, -1 if against it.
         begin, end: The stretch is straight between these x [m].
         lanes: Ids of the lanes in the AV's direction, the rightmost first.

@@ -77,7 +77,7 @@ class TrafficFile:
 
     Attributes:
         name: Its name, without folders.
-        sha256: Of its bytes.
+        sha256: SHA-256 of its bytes.
         layout: Name of the layout that it was recognised as.
         credit: Publisher of the data, and what to check before passing on results made of them.
         window: Smoothing window of positions [s].

@@ -38,7 +38,7 @@ class Trigger:
         measure: "time gap" from the AV's front to the other's rear over the AV's speed [s], or "distance" along the
             road between their reference points [m].
         rule: "lessThan" or "greaterThan".
-        value: Of the measure, between what it was a tenth of a second before the recorded begin and at it.
+        value: Value of the measure, between its values a tenth of a second before the recorded begin and at it.
         not_before: In the recording the same was so earlier too; this is a time [s] after that. None: it was not.
     """
 

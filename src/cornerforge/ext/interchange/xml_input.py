@@ -34,7 +34,7 @@ class Element:
     Attributes:
         tag: Its name, without a namespace's prefix.
         attributes: By name, without prefixes.
-        line: Of its file, the first is 1.
+        line: Line in its file, the first is 1.
         file: Name of its file, without folders.
         children: In the order of the file.
         text: What stands in it before, between and after its children, without white space around.

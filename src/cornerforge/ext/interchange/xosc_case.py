@@ -36,7 +36,7 @@ def make_case(
     """Make the case of a play, in which the AV starts at x = 0; the fact `start_x_m` says where that is on the road.
 
     Args:
-        name: Of the case.
+        name: Name of the case.
         frame: Its road.
         bodies: All vehicles.
         av: The one in the AV's seat.

@@ -39,7 +39,7 @@ class World(Protocol):
     """State that conditions look at.
 
     Attributes:
-        time: Of the simulation [s].
+        time: Time of the simulation [s].
         step: Number of the moment, for transitions.
         bodies: All vehicles by name.
         places: Positions.

@@ -114,10 +114,10 @@ def duration_of(change: float, shape: Shape, dimension: str, value: float, mean:
     """How long a change takes, or along which distance, from the dynamics that a file states.
 
     Args:
-        change: Of the value, without sign.
+        change: Change of the value, without sign.
         shape: Its course.
         dimension: "time" [s], "distance" [m], or "rate": the largest change in a second.
-        value: In that dimension.
+        value: Value in that dimension.
         mean: Mean speed, to turn a distance into a time [m/s]; 0: leave it a distance.
 
     Returns:
@@ -139,7 +139,7 @@ class Trajectory:
 
     Attributes:
         spots: At least two.
-        times: Of the scenario [s], rising; empty: none are stated.
+        times: Times of the scenario [s], rising; empty: none are stated.
         turned: Do the places state directions? If not, the vehicle looks where it goes.
     """
 
@@ -186,12 +186,12 @@ class Body:
     """A vehicle on the road.
 
     Attributes:
-        name: In the file.
-        element: That declares it.
+        name: Name in the file.
+        element: Element that declares it.
         kind: Index of `types.CLASSES`.
-        length, width: Of its box [m].
-        ahead, left: Of its box's middle from its reference point [m].
-        x, y, heading: Of its reference point, in our axes.
+        length, width: Length and width of its box [m].
+        ahead, left: Place of its box's middle from its reference point [m].
+        x, y, heading: Pose of its reference point, in our axes.
         speed: Along its way [m/s]; `along_road` is its part along the road.
         lane: Index of the lane that an action has it keep or go to; None: not known.
         controlled: It has a controller of its own.

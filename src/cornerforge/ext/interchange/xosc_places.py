@@ -29,7 +29,7 @@ def frame_of_start(position: Element, starts: Mapping[str, Element], roads: Road
     Args:
         position: Where it starts.
         starts: Where all start, by name; positions may be relative to each other.
-        roads: Of the scenario.
+        roads: Roads of the scenario.
 
     Raises:
         DataError: Positions refer to each other in a circle, or it starts on no straight road.
@@ -62,8 +62,8 @@ class Places:
     """Turns positions into places.
 
     Args:
-        roads: Of the scenario.
-        frame: Of the case.
+        roads: Roads of the scenario.
+        frame: Frame of the case.
         bodies: All vehicles by name; positions relative to one are relative to where it is now.
     """
 

@@ -19,7 +19,7 @@ _STEPS_PER_S = 100
 _STEPS_PER_FRAME = 10
 _LONGEST_S = 300
 _IDLE_S = 60
-"""So long after the last change of the storyboard the play is cut, if nothing else ends it [s]."""
+"""Time from the last change of the storyboard to the cut of the play, if nothing else ends it [s]."""
 _ALONE_S = 20
 """How long vehicles drive for which the file has no storyboard [s]."""
 _STANDBY, _RUNNING, _COMPLETE = "standbyState", "runningState", "completeState"
@@ -67,7 +67,7 @@ class Storyboard:
 
     Args:
         element: Storyboard, parameters put.
-        places, bodies, catalogs: Of the file.
+        places, bodies, catalogs: Places, bodies and catalogs of the file.
         parameters: Values of its parameters, for conditions.
     """
 

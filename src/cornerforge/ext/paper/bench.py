@@ -121,7 +121,7 @@ class Bench:
         folder: The output folder; policies go into `policies/`, measurements into `parts/`.
         size: How much of everything.
         world: What they all drive in.
-        seed: Of tests; the k-th training of a kind has seed + k.
+        seed: Seed of tests; the k-th training of a kind has seed + k.
         threads: None for all cores.
         progress: Called with the progress.
         paper_policy: A policy of preset `paper`, trained elsewhere, for Figure 2; or None.

@@ -32,9 +32,9 @@ _KINDS: dict[bool, dict[str, tuple[str, tuple[str, ...]]]] = {
         "lane conflict: both change lanes at the same time": ("B, C and the outliers D", _BOTH_CHANGE),
     },
 }
-"""By bounded or not: a kind of crash in the paper's text, where it places it, and our mechanisms of that kind."""
+"""Bounded or not -> kinds of crash in the paper's text, their places there, and our mechanisms of each kind."""
 _LEAST = 5
-"""So many cases of each cluster are read at least."""
+"""Least number of cases read of each cluster."""
 
 
 def compute(bench: Bench, adversary: Adversary) -> Finding:

@@ -17,7 +17,7 @@ from cornerforge.intervals import binomial_interval
 __all__ = ["FIGURE7", "thinned"]
 
 _DRAWN = 1_500
-"""At most so many points of each group of a panel go into the data, evenly taken."""
+"""Largest number of points of each group of a panel in the data, evenly taken."""
 _WORLDS = {"unbounded": FREE, "bounded": BOUNDED}
 _SAID: dict[int, str] = {1: "several points", 2: "several points", 15: "hard to tell from the majority"}
 

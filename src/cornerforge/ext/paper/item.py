@@ -23,7 +23,7 @@ class Row:
         paper: The paper's value as its text states it; None where the text states none (a picture is not read off).
         ours: Our value; None without a number; `note` then says why.
         interval: Ends of our 95 % interval, or None for what is exact or a single timing.
-        unit: Of `paper`, `ours` and `interval`; empty for texts and plain numbers.
+        unit: Unit of `paper`, `ours` and `interval`; empty for texts and plain numbers.
         note: What a reader must know to compare the two.
     """
 

@@ -44,7 +44,7 @@ FORMATS: dict[str, Format] = {
     ".gif": Format((800, 450), 10),
     ".webm": Format((1280, 720), 30, tuple(_VP9.split())),
 }
-"""By the ending of the file's name. MP4: H.264 with its index first, so that it plays while it loads."""
+"""Encoders by the ending of the file's name. MP4: H.264 with its index first, so that it plays while it loads."""
 
 
 def check_format(path: Path) -> Format:

@@ -62,7 +62,7 @@ def film(
         title: The case's name.
         sentence: What happened.
         way_out: The AV on a way out, shown as a dashed outline.
-        seconds: At most so much of the time before the contact is shown [s].
+        seconds: Longest time before the contact that is shown [s].
         progress: Called with the number of finished pictures and of all.
 
     Returns:

@@ -52,7 +52,7 @@ def write_picture(scenario: Scenario, path: Path, answer: Avoidability) -> None:
     Args:
         scenario: The crash.
         path: The new file.
-        answer: Of `way_out_of`.
+        answer: Result of `way_out_of`.
 
     Raises:
         InputError: The scenario holds no crash of the AV.
@@ -71,7 +71,7 @@ def write_video(
     Args:
         scenario: The case.
         path: The new file.
-        answer: Of `way_out_of`; None where the AV does not crash.
+        answer: Result of `way_out_of`; None where the AV does not crash.
         title: The case's name.
         progress: Called with the progress.
 

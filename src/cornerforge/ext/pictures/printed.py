@@ -45,7 +45,7 @@ CAPTIONS = {
     "exposure-ttc_rear": "Time to collision with the vehicle behind that the AV met: densities of natural traffic and "
     "of tests with the adversary.",
 }
-"""What each chart shows, as the caption of a figure."""
+"""Content of each chart, as the caption of a figure."""
 
 _NAMED = {"css:ink": "#000000", "css:accent": "#0072b2", "css:muted": "#666666", "css:grid": "#dddddd",
           "css:paper": "#ffffff"}  # fmt: skip
@@ -56,7 +56,7 @@ _MARKERS = {"circle": "o", "square": "s", "diamond": "D", "triangle-up": "^", "t
 _DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-."}
 _ROW_IN, _TALL_ROW_IN, _ROWS_BESIDES_IN = 0.24, 0.36, 0.55
 _LARGE = 1e5
-"""From here on ticks are in thousands (k) or millions (M)."""
+"""Least value from which ticks are in thousands (k) or millions (M)."""
 _LETTERS_IN = 13.0
 """Letters of the size of all text on an inch."""
 _HEIGHT_IN, _TALL_IN = 2.2, 3.2
@@ -67,8 +67,8 @@ def print_chart(chart: Figure, width: float) -> Any:
     """Draw a chart of the page for a paper.
 
     Args:
-        chart: Of `figures`.
-        width: Of the figure [in].
+        chart: Chart as `figures` gives it.
+        width: Width of the figure [in].
 
     Returns:
         A figure of matplotlib; `ext.pictures.printing.print_of` makes a file of it.

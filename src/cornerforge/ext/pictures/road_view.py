@@ -31,11 +31,11 @@ class Look:
     """Colours of a picture, sizes in points, and labels beside the vehicles.
 
     Attributes:
-        road, verge, paint: Of the road.
+        road, verge, paint: Colours of the road.
         av, partner, other: Fills of vehicles.
         edge: Outline of vehicles.
-        glass: Of windscreens, which show where the front is.
-        way_out, contact, ink, muted: Of what is drawn over them.
+        glass: Colour of windscreens, which show where the front is.
+        way_out, contact, ink, muted: Colours of the marks over them.
         font: Size of labels.
         trail_s: How far back trails go [s].
         plate: Colour behind labels.
@@ -67,7 +67,7 @@ SCREEN = Look(
     other="#9aa3ad", edge="#20252a", glass="#ffffff8c", way_out="#4fe0b5", contact="#cc2936", ink="#f4f4f0",
     muted="#5d6673", font=10.0, trail_s=2.0, plate="#3e454d", line=0.8, every_speed=True,
 )  # fmt: skip
-"""As the report's player in light mode."""
+"""Look of the report's player in light mode."""
 PRINT = Look(
     road="#ededed", verge="#ffffff", paint="#8a8a8a", av="#0072b2", partner="#e69f00",
     other="#ffffff", edge="#000000", glass="#c4c4c4", way_out="#009e73", contact="#cc2936", ink="#000000",
@@ -93,7 +93,7 @@ class RoadView:
         span: How far the picture reaches along the road from the AV, behind (negative) and ahead [m].
         look: Colours and sizes.
         way_out: The AV on a way out, drawn as a dashed outline.
-        points_per_metre: Of the picture, for the widths of lines.
+        points_per_metre: Scale of the picture, for the widths of lines.
         labelled: Label the vehicles.
         margin: Room beyond the road's edges, below and above [m].
     """

@@ -80,7 +80,7 @@ def strip_figure(scenario: Scenario, times_before: Mapping[float, str] | Sequenc
         scenario: The case.
         times_before: Seconds before the contact (before the recording's end where there is none), and what happens
             then.
-        width: Of the figure [in].
+        width: Width of the figure [in].
 
     Returns:
         A figure of matplotlib; a metre is as long everywhere in it. `printing.print_of` makes a file of it.

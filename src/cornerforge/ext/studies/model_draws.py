@@ -104,9 +104,9 @@ def with_model_draws(
 
     Args:
         found: The rate, with its interval of sampling alone.
-        run: In which it was found.
+        run: Experiment in which it was found.
         model_draws: Models to draw, 5 or more.
-        seed: Of the user; models and tests have seeds of their own made from it.
+        seed: Seed from the user; models and tests have seeds of their own made from it.
         out: The output folder, or None.
         threads: Pool size; does not change the result.
         progress: Called with the progress.

@@ -62,7 +62,7 @@ class _Driven:
     Attributes:
         panel: The panel.
         code: Outcome of the AV, (S,).
-        crashes: Of each of `_DRIVERS`: does it crash, bool (S,).
+        crashes: Whether each of `_DRIVERS` crashes, by name, bool (S,).
     """
 
     panel: Panel

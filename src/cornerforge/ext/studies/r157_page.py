@@ -39,7 +39,7 @@ _HEADS = {
 }
 _LEAST = 1e-6
 _FEW = 2
-"""With so many panels for each speed of the AV at most, they stand below each other."""
+"""Largest number of panels for each speed of the AV that stand below each other."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class R157Picture:
         across, up: Values along x (A,) and y (B,).
         possible: Points that there are, bool (A, B).
         failed: The AV fails, bool (A, B).
-        crashes: Of each reference driver, bool (A, B).
+        crashes: Whether each reference driver crashes, bool (A, B).
     """
 
     family: str

@@ -33,9 +33,9 @@ class _Band(NamedTuple):
 
     Attributes:
         low, high: The speeds.
-        share: Of the recorded cut-ins.
+        share: Share of the recorded cut-ins.
         urgency: Mean of 1/TTC [1/s].
-        shape, scale: Of the generalised Pareto distribution of 1/gap - 1/75 m; scale in [1/m].
+        shape, scale: Parameters of the generalised Pareto distribution of 1/gap - 1/75 m; scale in [1/m].
     """
 
     low: float

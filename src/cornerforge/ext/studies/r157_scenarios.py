@@ -105,7 +105,7 @@ def panels(families: Iterable[str], odd: Odd) -> tuple[list[Panel], list[int]]:
     """List the panels of some families; a scenario has the same number whichever families are asked for.
 
     Args:
-        families: Of `FAMILIES`.
+        families: Names of `FAMILIES`.
         odd: Its highest speed.
 
     Returns:

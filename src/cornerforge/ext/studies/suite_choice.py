@@ -115,7 +115,7 @@ def choose(crashes: NDArray[np.bool_], severity: NDArray[np.float64], size: int)
 
     Args:
         crashes: Did the AV crash in the case, (S, A).
-        severity: Of the case, (S,): higher is more severe.
+        severity: Severity of the case, (S,): higher is more severe.
         size: At least 1.
 
     Raises:
@@ -180,7 +180,7 @@ def leave_one_out(
 
     Args:
         crashes, severity, size: As for `choose`.
-        seed: Of the random sets.
+        seed: Seed of the random sets.
         random_sets: Random sets of as many cases, for each AV, at least 1.
     """
     check_integer("random_sets", random_sets, low=1)

@@ -31,6 +31,6 @@ _PLACES: dict[str, tuple[str, ...]] = {
     "foreign": ("ForeignTrees",),
     "population": ("Plan", "Tilt", "tree_of"),
 }  # fmt: skip
-"""By module, the names that it gives; modules that are given as a whole stand under the empty name."""
+"""Module -> the names that it gives; modules given as a whole stand under the empty name."""
 
 __getattr__ = door(__name__, {name: module for module, names in _PLACES.items() for name in names})

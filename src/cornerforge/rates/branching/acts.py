@@ -45,9 +45,9 @@ __all__ = [
 LOOKS_AWAY, BEGINS, TURNS_BACK, GOES_ON, TWO = range(1, 6)
 """Kinds of acts. TWO stands for two acts in one second."""
 MOST_NEAR = 40
-"""So many BVs near the AV are looked at; further ones are left to chance."""
+"""Largest number of BVs near the AV that are looked at; further ones are left to chance."""
 MOST_ACTS = 60
-"""So many acts are listed in one second; further ones are left to chance."""
+"""Largest number of acts listed in one second; further ones are left to chance."""
 _PER_WORD = 1.0 / steering.ALL_WORDS
 _ACTS_OF_ONE = 3
 _PAIRS_RISE = 2.0
@@ -114,7 +114,7 @@ class Survey(NamedTuple):
         pairs: Danger of all BVs together if acts k < m both happen, float64 (MOST_ACTS, MOST_ACTS); 0: not looked at.
         n_near, n_acts, n_left_out: How many there are, and how many acts found no room so far, int64 (1,).
         follower: Place in `near` of the next BV behind the AV in its lanes, -1 for none, int64 (1,).
-        soon: By how much the danger rises within a second in the mean, float64 (1,).
+        soon: Mean rise of the danger within a second, float64 (1,).
         look, layers: Scratch.
     """
 

@@ -20,7 +20,7 @@ from cornerforge.sim import steering
 __all__ = ["NO_ACT", "Branches", "allocate_branches", "hold_to_branch", "hold_to_no_act", "list_branches"]
 
 NO_ACT = -1
-"""In place of an act's number."""
+"""Number that stands for no act."""
 _MOST = MOST_ACTS + MOST_ACTS * (MOST_ACTS - 1) // 2
 
 BRANCH = np.dtype([("first", "i8"), ("second", "i8"), ("chance", "f8"), ("danger", "f8")])

@@ -37,7 +37,7 @@ __all__ = [
 N_SEEN = 29
 """Numbers that are seen of a BV and the AV."""
 WIDTH = 24
-"""Of both hidden layers."""
+"""Width of both hidden layers."""
 REACH = 90.0
 """BVs further from the AV than this are not looked at [m, centre to centre]."""
 _LEAST_CHANCE = 1e-9

@@ -40,7 +40,7 @@ _ROWS = 400
 _CRASHES_PER_TREE = 16
 _MOMENTS_PER_TREE, _SAMPLES_PER_TREE = 400, 4000
 _MOST_MOMENTS, _MOST_SAMPLES = 1_000_000, 8_000_000
-"""With no more room, more samples are not noted."""
+"""Room for moments and samples; further ones are not noted."""
 _LEAST_PICKED = 0.03
 
 
@@ -71,7 +71,7 @@ class DrivenTrees:
         actions: With which they come again, int8 (K, decisions, N).
         answers: With which an AV from outside comes again, (K, A, 2); A is 0 for an AV of the kernels.
         training: Samples to train with; None if that was not asked for.
-        cpu_seconds: Of all threads together; without processes of AVs from outside.
+        cpu_seconds: Processor time of all threads together; without processes of AVs from outside.
         asked: How often an AV from outside was asked, again for copies too.
         strayed: How often it answered otherwise when it was asked again.
     """
@@ -118,7 +118,7 @@ class TreeDriver:
 
 
 BUILT_IN_TREES = TreeDriver()
-"""For AVs of the kernels."""
+"""Value for AVs of the kernels."""
 
 
 def drive_trees(

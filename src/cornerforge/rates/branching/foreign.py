@@ -80,7 +80,7 @@ class _Seats:
     """Rows of the AV's batch: which world sits there, what the AV remembers there, and what it must be shown first.
 
     Attributes:
-        row: Of the world, -1 for none, (B,).
+        row: Row of the world, -1 for none, (B,).
         memory: The moment up to which the AV remembers, -1 for none or unknown, (B,).
         fresh: It must be reset before the next question, (B,).
         replay: Past moments that it must be shown before it goes on, by seat.

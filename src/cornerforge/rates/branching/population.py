@@ -106,7 +106,7 @@ class Plan(NamedTuple):
         forget: A world's danger falls at most by this factor in a second: if the network misjudges a world that was
             dangerous just now, roulette does not make its weight large at once.
         look_ahead: For how many seconds the mean rise of the danger by acts counts as danger [s].
-        network: Of the danger.
+        network: Network that estimates the danger.
         tilt: One branch is drawn instead of copies.
     """
 
@@ -142,15 +142,15 @@ class Pool(NamedTuple):
     Attributes:
         depth: Rows of a tree: tree t has those from t * depth on.
         worlds: A batch of R worlds.
-        weight: Of each, (R,).
+        weight: Weight of each particle, (R,).
         ratio: Density of what happened to each by each proposal of a tilt, over the natural one, (R, MOST_PROPOSALS).
         proposal: Which one drives each, int64 (R,).
-        danger: Of each a second ago, (R,).
+        danger: Danger of each particle a second ago, (R,).
         moment: When it was last noted (`training_data`), int64 (R,).
         acts: Acts that led there, as `TERMINAL_STATE.acts`, int64 (R,).
         actions: Actions so far, int8 (R, decisions, N).
         waits: 1 if it must be driven a second on before it is looked at again, int64 (R,).
-        steering: To what it is held in that second, (R, ...); of no meaning where it does not wait.
+        steering: Words to which it is held in that second, (R, ...); meaningless where it does not wait.
         memory: For AVs outside: what its AV remembers, -1 for nothing, int64 (R,).
         top: Rows in use of each tree, int64 (T,).
         tally: SECONDS driven, copies LOST, BRANCHES and DRAWS of each tree, int64 (T, 4).

@@ -121,7 +121,7 @@ def answer(
         rows: Rows that wait.
         answers: As for `lockstep.act`, one a row.
         population: Its setting's AV is OUTSIDE or STEERED.
-        schedule: Of the same rows; those driven move no more.
+        schedule: Schedule of the same rows; those driven move no more.
         driven: Receives for each row whether its second, or its test, is over.
     """
     for k in range(rows.size):

@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 NO_MOMENT = -1
-"""In place of a moment's number: it was not noted."""
+"""Number of a moment that was not noted."""
 
 MOMENT = np.dtype([("parent", "i8"), ("first", "i8"), ("n", "i8"), ("test", "i8"), ("act", "i8"), ("weight", "f8")])
 """A world at a moment. parent: the moment before it; first, n: its samples; test: the tree's; act: 0 for the begin of a
