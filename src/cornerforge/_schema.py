@@ -132,7 +132,7 @@ def _fault(kind: Any, content: Any, error: str) -> str:
 
 
 def _refused_key(kind: Any, content: Any, part: dict[str, Any], error: str) -> str:
-    """Find the key of an object in what was read whose value gives an error of msgspec, which does not name it."""
+    """Find the key of the value that gives an error of msgspec in read data, because msgspec does not name it."""
     whole = dict(part)
     for key, value in whole.items():
         part.clear()

@@ -51,8 +51,8 @@ class Memory:
     stays impossible. (A series with a copula between neighbours: Chen and Fan 2006, doi:10.1016/j.jeconom.2005.03.004.)
 
     With the chance `away` a second, times a factor of its own, a driver looks away from the road, and does so again in
-    the next second with the chance `away_again`, the same for all. Who looks away holds its speed, begins no lane
-    change and turns back in none.
+    the next second with the chance `away_again`, the same for all. A driver that looks away holds its speed, begins no
+    lane change and turns back in none.
     """
 
     near: Share = 0.0

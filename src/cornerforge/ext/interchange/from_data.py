@@ -53,7 +53,7 @@ def cases_from_data(options: FromData) -> CasesFromData:
     check_new_folder(place)
     world = options.world()
     av = world.av
-    experiment(world, takes_foreign=True, takes_recorded=True).identity(0)  # is there such an AV? before long work
+    experiment(world, takes_foreign=True, takes_recorded=True).identity(0)  # an unknown AV fails here, before long work
     paths = [Path(file) for file in ([options.files] if isinstance(options.files, (str, Path)) else options.files)]
     options.progress("files", 0, 1)
     traffic = read_traffic(paths, options.data_format)

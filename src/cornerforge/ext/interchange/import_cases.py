@@ -81,7 +81,7 @@ def import_cases(options: ImportCases) -> ImportedCases:
     place = Path(options.out)
     check_new_folder(place)
     world = options.world()
-    experiment(world, takes_foreign=True, takes_recorded=True).identity(0)  # is there such an AV? before long work
+    experiment(world, takes_foreign=True, takes_recorded=True).identity(0)  # an unknown AV fails here, before long work
     paths = [Path(file) for file in ([options.files] if isinstance(options.files, (str, Path)) else options.files)]
     if not paths:
         raise InputError("There is no file to import; name at least one.")
