@@ -57,9 +57,7 @@ class Train(WorldOptions, _Length, Weighed):
             "Date and duration stand in `NAME.provenance.json` beside it, so the same training gives the same bytes.",
         ),
     ]
-    learner: Annotated[
-        str, Option("dqn, the paper's dueling double DQN, or ppo, whose policy draws its actions.", choices=LEARNERS)
-    ] = "dqn"
+    learner: Annotated[str, Option(f"What learns: {', '.join(LEARNERS)}; dqn: the paper's.", choices=LEARNERS)] = "dqn"
     preset: Annotated[str, Option("fast, or of dqn paper.", near=("fast", "paper"))] = "fast"
     reward: Annotated[str, REWARD] = "crash"
     delay: Annotated[float, Option("Seconds that the AV has to react, in avoidable.")] = 1.0
