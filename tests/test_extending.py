@@ -319,6 +319,9 @@ FORGOTTEN: dict[str, tuple[str, str, str, str]] = {
         "adversary/worlds/rewards.py", "return not strikes", "return not _avoidable",
         '"struck" asks .* adversary/worlds/drive_bv.py',
     ),
+    "what a head does": (
+        "sim/adversaries.py", ', "softmax": _softmax', "", "softmax: declared and without a kernel",
+    ),
     "what an adversary does": (
         "sim/adversaries.py", '"braker": _braker, ', "", "braker: declared and without a kernel",
     ),
