@@ -17,8 +17,9 @@ from foreign.opened_av import opened
 
 import cornerforge
 import cornerforge.ext.gym
+from cornerforge.adversary import ppo
 from cornerforge.adversary.checkpoint import CheckpointFile
-from cornerforge.adversary.config import PRESETS, TrainConfig, preset_named
+from cornerforge.adversary.config import PRESETS, TrainConfig
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.train import TRAINING_TESTS, CurvePoint, TrainResult, train_adversary
 from cornerforge.adversary.verdicts import verdict_of
@@ -102,7 +103,7 @@ def test_the_weights_are_those_of_the_same_av_inside(reward: str, batch: int, th
 
 @pytest.mark.usefixtures("twins")
 def test_the_weights_are_those_of_the_same_av_inside_where_actions_are_drawn() -> None:
-    config = replace(preset_named("fast", "ppo"), width=16, batch=256, worlds=64, rollout=8, decisions=3000)
+    config = replace(ppo.PRESETS["fast"], width=16, batch=256, worlds=64, rollout=8, decisions=3000)
     run = world("rl")
     found = outside(opened("twins:Twin", ODD, batch=24), "rl", config)
     assert_same(found, train_adversary(run.setting, run.slots, config))
