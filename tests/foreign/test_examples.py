@@ -39,7 +39,7 @@ def test_a_planner_drives_as_one_would_expect(av: str, package: str) -> None:
     """It gets up to speed in free lanes, keeps to lane centres unless it changes, and its motion is smooth."""
     pytest.importorskip(package)
     run = experiment(av=av, takes_foreign=True)
-    assert run.setting.who.av == STEERED
+    assert run.opened_setting.who.av == STEERED
     recorder, crashed, settled, frames = run.recorder(), 0, 0, 0
     fastest: list[float] = []
     for test in range(8):

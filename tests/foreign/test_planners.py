@@ -179,7 +179,7 @@ def test_one_law_drives_the_same_through_all_interfaces() -> None:
 @pytest.mark.usefixtures("planners")
 def test_an_angle_of_the_wheels_is_its_curvature() -> None:
     run = experiment(av="planners:Curve", takes_foreign=True)
-    assert run.setting.who.av == STEERED
+    assert run.opened_setting.who.av == STEERED
     curve, wheel = (
         experiment(av=f"planners:{name}", takes_foreign=True).recorder().record(0, 3) for name in ("Curve", "Wheel")
     )
