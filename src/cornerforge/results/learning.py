@@ -107,9 +107,9 @@ class TrainingPoint:
     paid_per_test: Annotated[
         Share | None, meant("Share of the tests with a reward of +1, 0 to 1; where it is counted.", "per test")
     ] = None
-    entropy: Annotated[
-        float | None, meant("Mean entropy of the probabilities of actions, of PPO; null: of no other.", "nats")
-    ] = None
+    entropy: Annotated[float | None, meant("Mean entropy of the probabilities of actions, of PPO alone.", "nats")] = (
+        None
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
