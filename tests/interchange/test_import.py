@@ -134,7 +134,7 @@ def test_what_no_case_file_can_hold_is_refused_alone(swerve_library: Path, tmp_p
     assert [Path(case.source).name for case in done.cases] == [good.name]
     (refused,) = done.refused
     assert "lateral_speed_mps" in refused.why
-    assert "it must be from -100 to 100" in refused.why
+    assert "is 140; it must be a number of at most 100" in refused.why
 
 
 def test_the_source_is_told_from_what_is_said_here(

@@ -19,7 +19,7 @@ from safetensors import SafetensorError, safe_open
 from cornerforge._arrow import arrow_field
 from cornerforge._checksums import KEY, read_arrays, read_tensors, write_arrays, write_tensors
 from cornerforge._files import check_regular, read_bytes, reason, writing
-from cornerforge._locks import is_lock
+from cornerforge._locks import claim_file, claim_folder, is_lock
 from cornerforge._options import verb
 from cornerforge._schema import parse
 from cornerforge._table_checks import TableChecks, write_parquet
@@ -62,6 +62,7 @@ def migrate(options: Migrate) -> Migrated:
         raise InputError(f"{new} lies in {old}, which would be copied into itself; choose a place beside it.")
     if new.is_file() or (new.is_dir() and any(not is_lock(entry.name) for entry in new.iterdir())):
         raise OutputError(f"{new} is there already; choose a new place.")
+    (claim_folder if old.is_dir() else claim_file)(new)  # before anything of it could be removed
     try:
         cases, made_by = _bring(old, new, options.progress)
     except BaseException:  # Ctrl-C too: the old one is still there
