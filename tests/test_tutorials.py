@@ -88,7 +88,7 @@ def test_the_own_av_is_the_example_and_a_forgotten_reset_is_seen(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     smaller: Smaller = {
-        "--tests 2048": "--tests 128", "--decisions 200000 --tests 1024": "--decisions 20000 --tests 128",
+        "--tests 2048": "--tests 128", "--decisions 200000 --tests 1024": "--decisions 100000 --tests 256",
         "--cases 200": "--cases 40",
     }  # fmt: skip
     done = walk(OWN_AV, tmp_path, smaller, LOOSE, monkeypatch, capsys)

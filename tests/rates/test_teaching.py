@@ -26,10 +26,10 @@ class Noted:
         self.first: list[int] = []
         self.blind: list[bool] = []
 
-    def __call__(self, seed: int, first: int, population: Population, trees: Any) -> None:
+    def __call__(self, seed: int, first: int, population: Population, trees: Any) -> Any:
         self.first.append(first)
         self.blind.append(population.plan.windows == 0)
-        BUILT_IN_TREES(seed, first, population, trees)
+        return BUILT_IN_TREES(seed, first, population, trees)
 
 
 @pytest.mark.full
