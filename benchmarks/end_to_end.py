@@ -15,8 +15,9 @@ from measuring import Series, interleave, table
 from cornerforge import analyse, generate
 from cornerforge.adversary.config import preset_named
 from cornerforge.execution import default_threads
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.policy_file import Policy
-from cornerforge.experiment.setting import Experiment, experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.sim.runner import simulate, warm_up
 from cornerforge.verbs.train import learn
 

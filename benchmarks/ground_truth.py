@@ -30,8 +30,9 @@ from ground_truth_tables import render
 from ledger import Entry, furthest, read_entry, read_ledger, simulation_hash, write_entry, write_ledger
 
 from cornerforge.errors import CornerForgeError, InputError
+from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.output import config_hash
-from cornerforge.experiment.setting import Experiment, check_threads, experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.ext.calibrate.variations import varied_model
 from cornerforge.ndd.model import default_model_path, load_model, save_model
 from cornerforge.rates.crashes import NaturalCrashes

@@ -22,7 +22,7 @@ from cornerforge.sim.world import allocate_worlds, world_of
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cornerforge.experiment.setting import Experiment
+    from cornerforge.experiment.experiments import Experiment
 
 __all__ = ["KernelTimes", "profile", "render"]
 

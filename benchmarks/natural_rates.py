@@ -10,7 +10,8 @@ from __future__ import annotations
 import argparse
 import time
 
-from cornerforge.experiment.setting import check_threads, experiment
+from cornerforge.experiment.experiments import check_threads
+from cornerforge.experiment.setting import experiment
 from cornerforge.rates.branching.drive import DrivenTrees, drive_trees
 from cornerforge.rates.teaching import plan_of, teach
 from cornerforge.rates.weighted import weighted_rate

@@ -13,7 +13,8 @@ from measuring import Series, interleave, on_one_core, table
 from worlds import SEED, driven_seconds, mean_bvs, with_bvs
 
 from cornerforge.execution import default_threads
-from cornerforge.experiment.setting import Experiment, experiment
+from cornerforge.experiment.experiments import Experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.sim.runner import simulate, simulate_chunks, warm_up
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.traffic import reset_world

@@ -29,8 +29,9 @@ from ledger import read_ledger, simulation_hash, trees_hash
 from measuring import table
 
 from cornerforge.execution.progress import NO_PROGRESS
+from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.output import read_json_file, write_json
-from cornerforge.experiment.setting import Experiment, check_threads, experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.ext.calibrate.variations import varied_model
 from cornerforge.ndd import default_model_path, load_model, save_model
 from cornerforge.rates import binomial_interval

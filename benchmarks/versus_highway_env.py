@@ -14,7 +14,8 @@ from highway_env.envs.highway_env import HighwayEnv, HighwayEnvFast
 from measuring import Series, interleave, on_one_core, ratio, table
 from worlds import SEED, driven_seconds, mean_bvs, with_bvs
 
-from cornerforge.experiment.setting import Experiment, experiment
+from cornerforge.experiment.experiments import Experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.sim.runner import simulate, warm_up
 
 __all__ = ["Comparison", "SmallWorld", "compare", "compare_small", "render", "render_small"]

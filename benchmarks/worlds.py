@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from cornerforge.experiment.setting import Experiment, experiment
+from cornerforge.experiment.experiments import Experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import simulate_chunks

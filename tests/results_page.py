@@ -2,17 +2,38 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
 import types
 from collections.abc import Iterator, Mapping
 from dataclasses import Field, fields, is_dataclass
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
+from cornerforge import ext
 from cornerforge._schema import unit_of
+from cornerforge.results.learning import TrainingCurve
+from cornerforge.results.whole import Exposure
+from cornerforge.verbs.options import COMMANDS
 
-__all__ = ["UNIONS", "results_markdown"]
+__all__ = ["FILES", "UNIONS", "classes_of_results", "results_markdown"]
+
+FILES: dict[str, type] = {"exposure.json": Exposure, "training.json": TrainingCurve}
+"""Files in the folder of `run` that no command prints, and the classes that they hold."""
 
 UNIONS = (Union, types.UnionType)
 """Origins of `A | B`; the first is that of a union with a Literal."""
+
+
+def classes_of_results() -> dict[str, type]:
+    """The class of each command's result, by the command's words: what its verb says that it returns."""
+    found: dict[str, type] = {}
+    for told in (*COMMANDS, *ext.commands()):
+        module, _, name = told.verb.partition(":")
+        function = inspect.unwrap(getattr(importlib.import_module(f"cornerforge.{module}"), name))
+        found[told.name or name.replace("_", "-")] = get_type_hints(function, localns={told.options.__name__: Any})[
+            "return"
+        ]
+    return found
 
 
 def _may_be_missing(one: Field[Any]) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -13,8 +12,7 @@ import numpy as np
 import pytest
 
 import cornerforge
-import cornerforge.ext
-from cornerforge import read_case_file
+from cornerforge import ext, read_case_file
 from cornerforge._options import Option, Options, options_of
 from cornerforge._options import verb as as_verb
 from cornerforge.errors import InputError
@@ -139,10 +137,8 @@ def test_the_docstring_tells_each_argument_with_its_range() -> None:
 
 OTHER = ("engine", "read_case_file", "write_case_file")
 VERBS = [name for name in cornerforge.__all__ if callable(getattr(cornerforge, name)) and name != "avs"]
-CLASSES = {told.verb.partition(":")[2]: told.options for told in COMMANDS} | {"drive_case": DriveCase}
-for room in cornerforge.ext.ROOMS:
-    told_of_room = importlib.import_module(f"cornerforge.ext.{room}.options").COMMANDS
-    CLASSES |= {told.verb.partition(":")[2]: told.options for told in told_of_room}
+CLASSES = {told.verb.partition(":")[2]: told.options for told in (*COMMANDS, *ext.commands())}
+CLASSES["drive_case"] = DriveCase
 
 
 def arguments(name: str) -> dict[str, str]:

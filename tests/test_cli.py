@@ -22,6 +22,7 @@ from folder_snapshot import snapshot
 from stage_lines import LINE, without_stages
 
 import cornerforge._kernel_cache
+from cornerforge import ext
 from cornerforge._jit import kernel
 from cornerforge._words import speed_text
 from cornerforge.adversary.config import PRESETS
@@ -36,6 +37,7 @@ from cornerforge.ext.paper.bench import REPRODUCE_EFFORTS
 from cornerforge.ext.paper.registry import ITEMS
 from cornerforge.report import judged
 from cornerforge.types import ODDS
+from cornerforge.verbs.options import COMMANDS
 from cornerforge.verbs.stages import Stages
 from cornerforge.world_options import PLAIN_ADVERSARIES, REWARD_NAMES
 
@@ -210,6 +212,13 @@ def test_an_interrupt_promises_what_the_command_does(
 
     monkeypatch.setattr(typer.Typer, "__call__", interrupted)
     assert call(capsys, *command, "--quiet") == (130, "", f"cornerforge: {said}\n")
+
+
+def test_commands_name_functions_that_are_there() -> None:
+    for told in (*COMMANDS, *ext.commands()):
+        for place in (told.verb, told.says, told.fails):
+            module, _, name = place.partition(":")
+            assert not place or callable(getattr(importlib.import_module(f"cornerforge.{module}"), name)), place
 
 
 def test_the_promised_commands_are_there() -> None:

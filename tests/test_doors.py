@@ -22,8 +22,9 @@ from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.worlds.drive_bv import Exploring, allocate_actors, collect, start_worlds
 from cornerforge.adversary.worlds.rewards import reward_numbers
 from cornerforge.drivers.policy import HEADS, NetworkShape, PolicyNumbers, best_action, q_values
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.policy_file import Policy
-from cornerforge.experiment.setting import Experiment, experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.ext.gym.batch import AvBatch, BvBatch
 from cornerforge.ext.gym.vector import AdversaryVectorEnv, DrivingVectorEnv
 from cornerforge.library.harvester import Harvester

@@ -30,8 +30,8 @@ from cornerforge._locks import claims
 from cornerforge.execution.progress import NO_PROGRESS, Progress
 
 __all__ = [
-    "Command", "Option", "Options", "Resumable", "Seeded", "Threaded", "Watched", "Weighed", "is_required",
-    "made_of", "options_of", "verb",
+    "Command", "LongWork", "Option", "Options", "Resumable", "Seeded", "Threaded", "Watched", "is_required", "made_of",
+    "options_of", "verb",
 ]  # fmt: skip
 
 P = ParamSpec("P")
@@ -119,7 +119,7 @@ class Threaded(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Weighed(Seeded, Threaded, Watched):
+class LongWork(Seeded, Threaded, Watched):
     """Long work: random, on all cores, watched."""
 
 

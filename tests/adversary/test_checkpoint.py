@@ -27,7 +27,8 @@ from cornerforge.adversary.replay import BalancedMemory
 from cornerforge.adversary.train import CurvePoint, TrainResult, train_adversary
 from cornerforge.adversary.worlds.drive_bv import Transitions
 from cornerforge.errors import FileFormatError, InputError, OutputError
-from cornerforge.experiment.setting import Experiment, experiment
+from cornerforge.experiment.experiments import Experiment
+from cornerforge.experiment.setting import experiment
 
 Unbroken = Callable[[TrainConfig], TrainResult]
 

@@ -12,8 +12,9 @@ from cornerforge.adversary import ppo
 from cornerforge.adversary.config import PRESETS, TrainConfig, preset_named
 from cornerforge.adversary.train import CurvePoint, TrainResult, train_adversary
 from cornerforge.errors import InputError
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.policy_file import Policy
-from cornerforge.experiment.setting import Experiment, experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.sim.runner import simulate
 

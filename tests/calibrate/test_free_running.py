@@ -10,7 +10,8 @@ import pytest
 from scipy.stats import poisson
 
 from cornerforge.errors import InputError
-from cornerforge.experiment.setting import Experiment, experiment
+from cornerforge.experiment.experiments import Experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.ext.calibrate.cut_ins import CUT_IN_FACTS, QUANTILES
 from cornerforge.ext.calibrate.facts import CRASH_LIMIT, FACTS, compare_crashes, compare_with_facts
 from cornerforge.ext.calibrate.free_running import (

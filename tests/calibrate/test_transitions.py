@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cornerforge.experiment.setting import Experiment, experiment
+from cornerforge.experiment.experiments import Experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.ext.calibrate.lane_observations import Transition, transitions_of
 from cornerforge.ext.calibrate.transitions import chance_of, compare_transitions
 from cornerforge.ndd import default_model_path, load_model, read_decisions, save_model

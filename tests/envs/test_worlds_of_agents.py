@@ -14,7 +14,8 @@ from cornerforge.adversary.worlds.agents import substitute_action
 from cornerforge.adversary.worlds.judge import judge_crashes
 from cornerforge.adversary.worlds.rewards import reward_numbers
 from cornerforge.errors import InputError
-from cornerforge.experiment.setting import Experiment, experiment
+from cornerforge.experiment.experiments import Experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.ext.gym.batch import FIRST_TEST, AvBatch, BvBatch
 from cornerforge.ext.gym.runs import adversary_batch, driving_batch
 from cornerforge.ext.gym.spaces import av_commands

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from cornerforge.errors import InputError
-from cornerforge.experiment.setting import Experiment, experiment
+from cornerforge.experiment.experiments import Experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.foreign.interpreter import in_use
 from cornerforge.foreign.named_avs import check_named
 from cornerforge.sim import STEERED

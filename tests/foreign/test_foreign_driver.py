@@ -10,7 +10,8 @@ import pytest
 from foreign.opened_av import opened
 
 from cornerforge.errors import AvFaultError, InputError
-from cornerforge.experiment.setting import Experiment, experiment
+from cornerforge.experiment.experiments import Experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.recorder import ForeignRecorder
 from cornerforge.foreign.session import seeds_of

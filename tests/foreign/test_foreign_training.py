@@ -28,8 +28,9 @@ from cornerforge.adversary.worlds.drive_bv import Exploring, allocate_actors, st
 from cornerforge.adversary.worlds.rewards import reward_numbers
 from cornerforge.cli import main
 from cornerforge.errors import AvFaultError, OutputError
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.policy_file import load_policy
-from cornerforge.experiment.setting import Experiment, experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.foreign.driver import MAX_FAULTS, Fault, ForeignAv
 from cornerforge.foreign.session import seeds_of
 from cornerforge.results.rates import Yield

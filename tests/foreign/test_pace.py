@@ -205,10 +205,12 @@ def test_what_is_too_slow_for_many_worlds_is_said_and_costs_no_test(avs: Path) -
     assert len(said) == 1
 
 
-@pytest.mark.parametrize("arguments", [{"batch": 0}, {"batch": 65_537}, {"processes": 0}, {"processes": 1025}])
-def test_numbers_are_checked(arguments: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match="av_"):
-        opened("avs:Good", Odd(), **arguments)
+@pytest.mark.parametrize(
+    "asked", [{"av_batch": 0}, {"av_batch": 65_537}, {"av_processes": 0}, {"av_processes": 1025}, {"av_timeout": 0.0}]
+)
+def test_numbers_are_checked(asked: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=f"^{next(iter(asked))} = .* is out of range"):
+        experiment(av="avs:Good", takes_foreign=True, **asked)
 
 
 # --- nothing is left behind ---

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from typing import Annotated, Any, get_type_hints
 
 import pytest
-from results_page import results_markdown
+from results_page import FILES, classes_of_results, results_markdown
 
 import cornerforge
 from cornerforge import results
 from cornerforge._schema import meant, unit_of
 from cornerforge.errors import FileFormatError
-from cornerforge.results import FILES, VERBS, Simulated, as_json, from_json
+from cornerforge.results import Simulated, as_json, from_json
 from cornerforge.results.analysis import Cluster
 from cornerforge.results.rates import Rate
 
@@ -88,18 +88,9 @@ def test_results_are_not_changed() -> None:
         RATE.tests = 3  # type: ignore[misc]
 
 
-def test_every_verb_returns_its_class() -> None:
-    """By their signatures; `report` is the package of pages and `import` a word of Python: these have other names."""
-    named = {"report": "make_report", "import": "import_cases"}
-    for verb, kind in VERBS.items():
-        name = named.get(verb, verb.replace("-", "_").replace(" ", "_"))
-        said = getattr(cornerforge, name).__annotations__["return"]
-        assert said == kind.__name__
-
-
 def test_the_documentation_is_made_of_the_code(golden: Callable[[str, str], None]) -> None:
     """docs/results-json.md."""
-    golden("../../docs/results-json.md", results_markdown(VERBS, FILES))
+    golden("../../docs/results-json.md", results_markdown(classes_of_results(), FILES))
 
 
 def test_the_documentation_says_types_units_and_parts() -> None:
@@ -120,7 +111,7 @@ def test_the_documentation_says_types_units_and_parts() -> None:
 
 
 def test_a_verbs_keys_are_in_the_page() -> None:
-    page = results_markdown(VERBS, FILES)
+    page = results_markdown(classes_of_results(), FILES)
     section = page.split("## `simulate`")[1].split("\n## ")[0]
     for one in dataclasses.fields(Simulated):
         assert f"| `{one.name}` |" in section

@@ -10,7 +10,8 @@ import pytest
 
 from cornerforge.drivers.rails import ACCELERATION, LANE, LATERAL_SPEED, POSE_NUMBERS, SPEED, X, Y, keeps_on, slow_down
 from cornerforge.errors import InputError
-from cornerforge.experiment.setting import Experiment, experiment
+from cornerforge.experiment.experiments import Experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.ext.studies.r157_scenarios import Panel, panels, rails_of_panel, road_of_r157
 from cornerforge.sim import AV_CRASH, NOBODY, RAILS, Rails, Setting, drive_chunk, rails_of, scenario_digest
 from cornerforge.sim.scripted import Script

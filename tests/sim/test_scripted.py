@@ -10,7 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from cornerforge.errors import InputError
-from cornerforge.experiment.setting import Experiment, experiment
+from cornerforge.experiment.experiments import Experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.ndd.model import Memory, default_model_path, load_model, save_model
 from cornerforge.road.straight import lane_centre
 from cornerforge.sim.recorder import scenario_digest

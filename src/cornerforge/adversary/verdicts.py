@@ -15,7 +15,7 @@ from cornerforge.sim import SUBSTEPS, allocate_harvest, is_full
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cornerforge.experiment.setting import Experiment
+    from cornerforge.experiment.experiments import Experiment
     from cornerforge.recordings import Recordings
     from cornerforge.sim import Harvest, Recorder
     from cornerforge.types import Odd

@@ -17,10 +17,10 @@ from cornerforge.cli.config import read_config
 from cornerforge.cli.output import EXIT_GATE, Bars, run_command
 from cornerforge.cli.program import command_class, epilog, group_of
 
-__all__ = ["add_command", "flag"]
+__all__ = ["add_command"]
 
 
-def flag(name: str, text: str) -> Any:
+def _flag(name: str, text: str) -> Any:
     """An option without a value; help would else show one for it."""
     return typer.Option(name, help=text, metavar="")
 
@@ -65,9 +65,9 @@ _GENERAL = {
         typer.Option("--out", help="New file for the object that --json prints.", show_default=False),
         None,
     ),
-    "quiet": (bool, flag("--quiet", "No text and no progress bars."), False),
-    "as_json": (bool, flag("--json", "Print exactly one JSON object on standard output."), False),
-    "debug": (bool, flag("--debug", "Show the traceback of an error."), False),
+    "quiet": (bool, _flag("--quiet", "No text and no progress bars."), False),
+    "as_json": (bool, _flag("--json", "Print exactly one JSON object on standard output."), False),
+    "debug": (bool, _flag("--debug", "Show the traceback of an error."), False),
 }  # fmt: skip
 """Options that commands have besides those of their verbs: type, how it is shown, default."""
 
@@ -101,7 +101,7 @@ def _own_parameter(one: Field[Any], hint: Any, option: Option) -> inspect.Parame
     if not one.kw_only:
         shown = typer.Argument(metavar=metavar, help=text, show_default=shown_default)
     elif kind is bool:
-        shown = flag(name, text)
+        shown = _flag(name, text)
     else:
         shown = typer.Option(
             name, *filter(None, [option.also]), metavar=metavar, help=text, show_default=shown_default,

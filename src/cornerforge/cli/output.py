@@ -131,7 +131,7 @@ def run_command(
         work: Makes the result, a dataclass of `cornerforge.results`; it is handed the bars, and what tells a result.
         text: Makes of it what people read.
         as_json: Print JSON.
-        quiet: Print no text.
+        quiet: Print no text, but for an early result.
         out: New file that the JSON goes to as well; for commands without output of their own.
         at: Where it is done: engine, address and workers of `cornerforge.engine`.
         stages: It may take minutes; without a terminal, say on standard error what each of its stages took.
@@ -152,7 +152,7 @@ def run_command(
             write_json(out, content, checksum=False)
         if as_json:
             typer.echo(json.dumps(content, allow_nan=False))
-        elif not quiet:
+        elif early or not quiet:  # a server's address is what the command is for
             typer.echo(text(result))
         sys.stdout.flush()
 

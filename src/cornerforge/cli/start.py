@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import traceback
 import warnings
 from typing import Any
@@ -10,13 +9,12 @@ from typing import Any
 import typer
 
 from cornerforge._files import reason
-from cornerforge._options import Command
 from cornerforge._words import shown
 from cornerforge.cli.commands import add_command
 from cornerforge.cli.config import Call, a_call
 from cornerforge.cli.program import app
 from cornerforge.errors import CornerForgeError, InputError, one_line
-from cornerforge.ext import ROOMS
+from cornerforge.ext import commands
 from cornerforge.verbs.options import COMMANDS
 
 __all__ = ["app", "run"]
@@ -26,13 +24,7 @@ _KEEP_WITH_OUT = ("simulate", "rate")
 """Commands with --resume that keep something only with --out; the other commands with --resume always do."""
 
 
-def _commands_of(room: str) -> tuple[Command, ...]:
-    """Give the commands of a room of `ext`, in its module `options`."""
-    found: tuple[Command, ...] = importlib.import_module(f"cornerforge.ext.{room}.options").COMMANDS
-    return found
-
-
-for _told in (*COMMANDS, *(one for room in ROOMS for one in _commands_of(room))):
+for _told in (*COMMANDS, *commands()):
     add_command(_told)
 
 

@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 from cornerforge._checks import check_integer
 from cornerforge.execution.progress import NO_PROGRESS, Progress, moving
-from cornerforge.experiment.setting import Experiment
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.foreign.session import answers_per_test
 from cornerforge.intervals import binomial_interval
 from cornerforge.results import Simulated, from_json

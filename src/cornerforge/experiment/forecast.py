@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cornerforge._words import spoken
-from cornerforge.experiment.setting import Experiment
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.foreign.pace import announce
 
 __all__ = ["LONG_SECONDS", "forecast"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from cornerforge._checks import check_integer, check_number
 from cornerforge.foreign.interpreter import USUAL, Confines
 from cornerforge.foreign.loaders import FILE_KINDS
 from cornerforge.foreign.process import DEFAULT_TIMEOUT
@@ -21,15 +20,12 @@ class AvSpec:
     """An AV by its name, and how it is asked if it is from outside; none of it is started or read.
 
     Attributes:
-        name: Of a built-in AV, or `module:Class`, `file.py:Class`, `cmd: PROGRAM`, an `.onnx` or a Stable-Baselines3
-            `.zip` file.
+        name: Name of a built-in AV, or `module:Class`, `file.py:Class`, `cmd: PROGRAM`, an `.onnx` or a
+            Stable-Baselines3 `.zip` file.
         timeout: Time for the answer in one world [s], 0.01 to 3600; the first answer of a process has 60 s or more.
         batch: Worlds side by side, 1 to 65,536; None: as many as it answers well together (`choose_batch`).
         processes: AV processes that drive at the same time, 1 to 1024; None: as many as there are threads.
         confines: In what its processes run.
-
-    Raises:
-        InputError: A number is out of range.
     """
 
     name: str
@@ -37,12 +33,6 @@ class AvSpec:
     batch: int | None = None
     processes: int | None = None
     confines: Confines = USUAL
-
-    def __post_init__(self) -> None:
-        check_number("av_timeout", self.timeout, low=0.01, high=3600.0, unit="s")
-        for name, number, most in (("av_batch", self.batch, 65_536), ("av_processes", self.processes, 1024)):
-            if number is not None:
-                check_integer(name, number, low=1, high=most)
 
     @property
     def is_outside(self) -> bool:
@@ -55,11 +45,7 @@ class AvSpec:
 
 
 def spec_of(world: WorldOptions) -> AvSpec:
-    """Describe the AV of a world.
-
-    Raises:
-        InputError: A number is out of range.
-    """
+    """Describe the AV of a world."""
     confines = Confines(world.av_python, world.av_memory)
     return AvSpec(world.av, world.av_timeout, world.av_batch, world.av_processes, confines)
 

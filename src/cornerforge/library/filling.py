@@ -18,9 +18,10 @@ from cornerforge.errors import AvFaultError, CornerForgeError, InputError
 from cornerforge.execution import Rooms, in_order
 from cornerforge.execution.progress import NO_PROGRESS, Progress, moving
 from cornerforge.experiment.counting import CHUNK, tally_summary
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import code_hash, provenance, version, write_json
 from cornerforge.experiment.policy_file import policy_hash, save_policy
-from cornerforge.experiment.setting import AV_LOG, Experiment
+from cornerforge.experiment.setting import AV_LOG
 from cornerforge.foreign.session import answers_per_test
 from cornerforge.intervals import binomial_interval
 from cornerforge.library import CaseLibrary

@@ -9,7 +9,7 @@ from typing import Any
 
 from cornerforge.analysis.crash_types import CRASH_TYPES
 from cornerforge.analysis.mechanism import MECHANISMS, crash_types_of, mechanism_of
-from cornerforge.experiment.setting import Experiment
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.rates.attention import action_chances, oversight
 from cornerforge.results.driving import CrashCircumstances
 from cornerforge.types import Scenario

@@ -17,8 +17,9 @@ from typing import Any
 from cornerforge.errors import CornerForgeError, FileFormatError
 from cornerforge.execution.progress import NO_PROGRESS, Progress, moving
 from cornerforge.experiment.counting import rate_summary
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import code_hash, open_output, read_json_file, remove_folder, version, write_json
-from cornerforge.experiment.setting import AV_LOG, Experiment
+from cornerforge.experiment.setting import AV_LOG
 from cornerforge.foreign.session import answers_per_test
 from cornerforge.intervals import binomial_interval, poisson_interval
 from cornerforge.library import CaseLibrary, CaseRecord, case_record

@@ -23,8 +23,8 @@ from cornerforge._checksums import read_arrays, write_arrays
 from cornerforge.analysis.mechanism import crash_types_of, mechanism_of
 from cornerforge.errors import FileFormatError
 from cornerforge.execution.progress import Progress
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import code_hash, remove_folder, version
-from cornerforge.experiment.setting import Experiment
 from cornerforge.intervals import poisson_interval, weighted_interval
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.library.filling import MODEL_FILE

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from cornerforge.results.stating import as_json, from_json
     from cornerforge.results.suite import SuiteBuilt
     from cornerforge.results.validation import NddValidated
-    from cornerforge.results.verbs import FILES, VERBS
     from cornerforge.results.whole import (
         Exported,
         Figured,
@@ -39,8 +38,6 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
-    "FILES",
-    "VERBS",
     "Analysed",
     "AvChecked",
     "Avs",
@@ -83,7 +80,6 @@ _PLACES = {
     "learning": ("Trained", "TrainedAv"), "naturalistic": ("NddFitted", "NddImported", "NddShown"),
     "r157": ("Regulated",), "reproduction": ("Reproduced",), "retest": ("Retested",),
     "stating": ("as_json", "from_json"), "suite": ("SuiteBuilt",), "validation": ("NddValidated",),
-    "verbs": ("FILES", "VERBS"),
     "whole": (
         "Exported", "Figured", "Initialised", "Migrated", "Reported", "RunDone", "Served", "Verified",
     ),

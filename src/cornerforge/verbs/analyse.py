@@ -15,8 +15,8 @@ from cornerforge._checks import check_integer
 from cornerforge._options import verb
 from cornerforge.errors import InputError
 from cornerforge.execution.progress import Progress
+from cornerforge.experiment.experiments import check_threads
 from cornerforge.experiment.output import open_output, provenance, write_json
-from cornerforge.experiment.setting import check_threads
 from cornerforge.fields import SHORTFALL
 from cornerforge.intervals import binomial_interval, share_interval
 from cornerforge.library import CaseLibrary

@@ -16,9 +16,10 @@ from cornerforge._schema import read
 from cornerforge.analysis.avoidability import AvoidParams, avoidability
 from cornerforge.analysis.stored import CASES_FILE, read_analysed
 from cornerforge.errors import FileFormatError, InputError
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import code_hash
 from cornerforge.experiment.policy_file import load_policy
-from cornerforge.experiment.setting import Experiment, experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.fields import REALS
 from cornerforge.foreign.named_avs import check_named
 from cornerforge.library import CaseLibrary, StoredCase

@@ -14,8 +14,9 @@ from cornerforge._words import spoken
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.execution.progress import Progress
 from cornerforge.experiment.counting import simulate_experiment
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.forecast import LONG_SECONDS, forecast
-from cornerforge.experiment.setting import Experiment, experiment, road_of
+from cornerforge.experiment.setting import experiment, road_of
 from cornerforge.foreign.answers import controller_of
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.edge_cases import EDGE_CASES, edge_case, random_views

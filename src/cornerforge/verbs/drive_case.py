@@ -21,7 +21,8 @@ from cornerforge.analysis.in_words import what_happened
 from cornerforge.analysis.mechanism import contact_pose, crash_frame, crash_types_of
 from cornerforge.drivers.rails import X
 from cornerforge.errors import AvFaultError, InputError, UnknownNameError
-from cornerforge.experiment.setting import RECORDED_AV, Experiment, experiment
+from cornerforge.experiment.experiments import Experiment
+from cornerforge.experiment.setting import RECORDED_AV, experiment
 from cornerforge.fields import SERIES
 from cornerforge.library.case_file import CaseFile, Happened, read_case_file
 from cornerforge.library.filling import MODEL_FILE

@@ -18,9 +18,10 @@ from cornerforge._options import verb
 from cornerforge.analysis.crash_types import CRASH_TYPES
 from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.errors import InputError
+from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import code_hash, provenance, version, write_json
-from cornerforge.experiment.setting import Experiment, check_threads, experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.rates.monte_carlo import BLOCK, MonteCarlo
 from cornerforge.rates.plain import ASKED, ENOUGH_TO_FORESEE, PlainTests, cost_of, kept_if_interrupted
 from cornerforge.rates.splitting import TREES, PickedCrash, Splitting, kind_rates

@@ -16,9 +16,10 @@ from cornerforge._checks import check_integer
 from cornerforge._options import verb
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import check_new_file, config_hash, provenance
-from cornerforge.experiment.setting import RECORDED_AV, Experiment, check_threads
+from cornerforge.experiment.setting import RECORDED_AV
 from cornerforge.foreign.spec import with_av
 from cornerforge.library import CaseLibrary
 from cornerforge.library.case_file import CaseFile

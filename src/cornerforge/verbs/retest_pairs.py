@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from cornerforge.analysis.contact import impact_speed
 from cornerforge.errors import AvFaultError, CornerForgeError
 from cornerforge.execution.progress import Progress
-from cornerforge.experiment.setting import Experiment
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.library import CaseLibrary
 from cornerforge.report.comparison import AS_RECORDED, NATURAL, REACTING, Pair
 from cornerforge.types import Scenario

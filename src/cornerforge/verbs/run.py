@@ -12,10 +12,11 @@ from cornerforge._options import verb
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.errors import InputError
 from cornerforge.execution.progress import begin_part
+from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import code_hash, config_hash, open_output, version
 from cornerforge.experiment.policy_file import load_policy
-from cornerforge.experiment.setting import AV_LOG, Experiment, check_threads, experiment
+from cornerforge.experiment.setting import AV_LOG, experiment
 from cornerforge.library.filling import fill_library
 from cornerforge.results import Analysed, Filled, NaturalRate, RunDone
 from cornerforge.results.rates import Yield

@@ -17,8 +17,8 @@ from cornerforge.analysis.shrink import Shrunk
 from cornerforge.analysis.shrink import shrink as shrink_script
 from cornerforge.errors import CornerForgeError, InputError, ReplayError
 from cornerforge.execution.progress import Progress
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import code_hash, config_hash, provenance, version, write_json
-from cornerforge.experiment.setting import Experiment
 from cornerforge.library import CaseLibrary, CaseRecord, StoredCase, case_record
 from cornerforge.library.filling import MODEL_FILE
 from cornerforge.library.schema import ON_RAILS, SCRIPTED

@@ -27,9 +27,10 @@ from cornerforge.errors import InputError
 from cornerforge.execution import cpu_seconds
 from cornerforge.execution.progress import Progress
 from cornerforge.experiment.counting import drive_tests, rate_summary, simulate_experiment
+from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.output import code_hash, config_hash, open_output, version
 from cornerforge.experiment.policy_file import load_policy
-from cornerforge.experiment.setting import AV_LOG, Experiment, check_threads, experiment
+from cornerforge.experiment.setting import AV_LOG, experiment
 from cornerforge.foreign.pace import announce
 from cornerforge.foreign.spec import AvSpec
 from cornerforge.intervals import binomial_interval

@@ -13,9 +13,9 @@ from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig
 from cornerforge.execution.progress import NO_PROGRESS, Progress, begin_part
 from cornerforge.experiment.counting import simulate_experiment, tally_summary
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import SUMMARY, provenance, read_json_file, version, write_json
 from cornerforge.experiment.policy_file import policy_hash, save_policy
-from cornerforge.experiment.setting import Experiment
 from cornerforge.library.filling import MODEL_FILE
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.results import Analysed, Filled, NaturalRate, RunDone, Simulated, as_json

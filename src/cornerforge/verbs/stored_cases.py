@@ -12,7 +12,7 @@ from cornerforge.errors import ReplayError
 from cornerforge.execution import Rooms, in_order
 from cornerforge.execution.progress import Progress
 from cornerforge.experiment.av_file import av_of
-from cornerforge.experiment.setting import Experiment
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.foreign.spec import with_av
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.road.straight import along

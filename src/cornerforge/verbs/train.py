@@ -17,10 +17,11 @@ from cornerforge.adversary.worlds import judge_crashes, reward_numbers
 from cornerforge.errors import OutputError
 from cornerforge.execution.progress import NO_PROGRESS, Progress, moving
 from cornerforge.experiment.counting import drive_tests, rate_summary
+from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import check_new_file, code_hash, provenance, read_json_file, version, write_json
 from cornerforge.experiment.policy_file import Policy, load_policy, policy_hash, save_policy
-from cornerforge.experiment.setting import AV_LOG, Experiment, check_threads, experiment
+from cornerforge.experiment.setting import AV_LOG, experiment
 from cornerforge.foreign.session import answers_per_second
 from cornerforge.intervals import binomial_interval
 from cornerforge.ndd.model import model_hash

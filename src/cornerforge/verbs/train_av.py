@@ -10,8 +10,9 @@ from cornerforge.drivers.avs import AvNetwork, av_hash
 from cornerforge.errors import InputError
 from cornerforge.experiment.av_file import load_av, save_av
 from cornerforge.experiment.counting import rate_summary, simulate_experiment
+from cornerforge.experiment.experiments import check_threads
 from cornerforge.experiment.output import check_new_file, code_hash, version
-from cornerforge.experiment.setting import check_threads, experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.ndd.model import model_hash
 from cornerforge.results import TrainedAv
 from cornerforge.sim import AV_FEATURES_VERSION

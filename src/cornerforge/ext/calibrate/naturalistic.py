@@ -7,8 +7,8 @@ from functools import partial
 from pathlib import Path
 
 from cornerforge._options import verb
+from cornerforge.experiment.experiments import check_threads
 from cornerforge.experiment.output import check_new_file, write_json
-from cornerforge.experiment.setting import check_threads
 from cornerforge.ext.calibrate.options import NddFit, NddImport
 from cornerforge.ext.calibrate.traffic_crashes import traffic_crashes
 from cornerforge.ndd.model import default_model_path, load_model, model_hash, save_model

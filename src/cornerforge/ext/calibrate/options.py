@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from cornerforge._options import Command, Option, Watched, Weighed
+from cornerforge._options import Command, LongWork, Option, Watched
 
 __all__ = ["COMMANDS", "DATA_FORMAT", "NddFit", "NddImport", "NddShow", "NddValidate"]
 
@@ -18,7 +18,7 @@ DATA_FORMAT = Option(
 
 
 @dataclass(frozen=True, kw_only=True)
-class NddFit(Weighed):
+class NddFit(LongWork):
     """Fit a naturalistic model from trajectories; its report is written beside it.
 
     On one machine the same files give the same bytes; on another processor a law's fourth digit may differ.
@@ -38,7 +38,7 @@ class NddFit(Weighed):
 
 
 @dataclass(frozen=True, kw_only=True)
-class NddValidate(Weighed):
+class NddValidate(LongWork):
     """Compare a model with held-out trajectories and published facts; exit status 1 if it does not pass."""
 
     model: Annotated[Path | str, Option("The model.", metavar="M.npz")] = field(kw_only=False)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cornerforge.experiment.setting import Experiment
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.ext.calibrate.judging import judged
 from cornerforge.ext.calibrate.lane_observations import START_BEFORE, Transition, transitions_of
 from cornerforge.ext.calibrate.readers import Reading

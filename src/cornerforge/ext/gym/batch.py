@@ -25,7 +25,7 @@ from cornerforge.adversary.worlds import (
     allocate_history,
 )
 from cornerforge.errors import InputError, UnknownNameError
-from cornerforge.experiment.setting import Experiment
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.ext.gym.misuse import ClosedError, ResetNeededError
 from cornerforge.ext.gym.spaces import av_commands
 from cornerforge.sim import (

@@ -7,7 +7,8 @@ from dataclasses import replace
 from cornerforge.adversary.verdicts import verdict_of
 from cornerforge.adversary.worlds import reward_numbers
 from cornerforge.errors import InputError
-from cornerforge.experiment.setting import check_threads, experiment
+from cornerforge.experiment.experiments import check_threads
+from cornerforge.experiment.setting import experiment
 from cornerforge.ext.gym.batch import AvBatch, BvBatch
 from cornerforge.world_options import WorldOptions
 

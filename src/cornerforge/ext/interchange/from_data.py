@@ -13,8 +13,9 @@ from cornerforge._options import verb
 from cornerforge.analysis.crash_types import STRIKERS
 from cornerforge.analysis.mechanism import crash_types_of
 from cornerforge.errors import DataError
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import check_new_folder, open_output, provenance, whole_or_nothing, write_json
-from cornerforge.experiment.setting import RECORDED_AV, Experiment, experiment
+from cornerforge.experiment.setting import RECORDED_AV, experiment
 from cornerforge.ext.interchange.moments import Moments, critical_moments
 from cornerforge.ext.interchange.moving_cases import NO_CRASH, CaseOutcome, CasesDriven, library_of
 from cornerforge.ext.interchange.options import FromData

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.errors import CornerForgeError
-from cornerforge.experiment.setting import Experiment
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.case_file import CaseFile, Happened
 from cornerforge.library.out_case import Fact

@@ -13,8 +13,9 @@ from cornerforge._checks import check_integer
 from cornerforge._locks import claims
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import check_new_folder, code_hash, provenance, version, write_json
-from cornerforge.experiment.setting import RECORDED_AV, Experiment, experiment
+from cornerforge.experiment.setting import RECORDED_AV, experiment
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.library.case_file import Happened
 from cornerforge.library.filling import MODEL_FILE

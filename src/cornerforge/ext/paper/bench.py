@@ -17,9 +17,10 @@ from cornerforge.analysis.mechanism import crash_types_of
 from cornerforge.drivers.avs import AVS, av_hash
 from cornerforge.execution.progress import Progress
 from cornerforge.experiment.counting import drive_tests, rate_summary, simulate_experiment
+from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.output import code_hash, read_json_file, write_json
 from cornerforge.experiment.policy_file import Policy, load_policy, policy_hash, save_policy
-from cornerforge.experiment.setting import Experiment, check_threads, experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.ndd.model import model_hash
 from cornerforge.results import as_json
 from cornerforge.sim import Tally, crashed_tests

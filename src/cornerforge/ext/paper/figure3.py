@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.drivers.avs import av_hash
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.policy_file import policy_hash
-from cornerforge.experiment.setting import Experiment
 from cornerforge.ext.paper.bench import Adversary, Bench
 from cornerforge.ext.paper.item import Finding, Item, Row
 from cornerforge.intervals import poisson_interval

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from cornerforge._options import Command, Option, Resumable, Weighed
+from cornerforge._options import Command, LongWork, Option, Resumable
 from cornerforge.world_options import RoadOptions
 
 __all__ = ["COMMANDS", "Reproduce"]
@@ -16,7 +16,7 @@ _ITEMS = ("table1", "figure2", "figure3", *(f"figure{number}" for number in rang
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reproduce(RoadOptions, Resumable, Weighed):
+class Reproduce(RoadOptions, Resumable, LongWork):
     """Make the paper's figures and tables again, ours beside theirs, on one page."""
 
     out: Annotated[Path | str, Option("Folder for the page, figures, numbers and policies.")]

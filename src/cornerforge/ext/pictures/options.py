@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from cornerforge._options import Command, Option, Weighed
+from cornerforge._options import Command, LongWork, Option
 
 __all__ = ["COMMANDS", "Figure"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Figure(Weighed):
+class Figure(LongWork):
     """Draw for a paper: the charts of the page, or a case as a strip of snapshots."""
 
     place: Annotated[Path | str, Option("A library, or a folder of run or rate.", metavar="LIB|RUN")] = field(

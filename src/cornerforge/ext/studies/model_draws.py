@@ -22,8 +22,8 @@ from cornerforge._schema import Closed, Share, Whole, meant, read
 from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.errors import InputError
 from cornerforge.execution.progress import Progress
+from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import read_json_file, write_json
-from cornerforge.experiment.setting import Experiment
 from cornerforge.ext.calibrate.uncertainty import check_drawable, drawn_model, drawn_variations
 from cornerforge.ndd.model import NddModel, model_hash
 from cornerforge.rates.branching import Plan, TreeDriver, drive_trees

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from cornerforge._options import Command, Option, Resumable, Weighed
+from cornerforge._options import Command, LongWork, Option, Resumable
 from cornerforge.world_options import AvAskedOptions, AvOptions, WorldOptions
 
 __all__ = ["BUDGETS_NATS", "COMMANDS", "R157", "PlausibilityStudy", "SuiteBuild", "Variety"]
@@ -17,7 +17,7 @@ BUDGETS_NATS = (10.0, 20.0, 40.0, 60.0, 80.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class SuiteBuild(AvAskedOptions, Weighed):
+class SuiteBuild(AvAskedOptions, LongWork):
     """Choose the fewest cases that find and rank the flaws of many AVs; checked on AVs left out."""
 
     libraries: Annotated[
@@ -32,7 +32,7 @@ class SuiteBuild(AvAskedOptions, Weighed):
 
 
 @dataclass(frozen=True, kw_only=True)
-class R157(AvOptions, Weighed):
+class R157(AvOptions, LongWork):
     """Drive an AV through the scenarios of UN Regulation 157, beside the reference drivers."""
 
     families: Annotated[
@@ -46,7 +46,7 @@ class R157(AvOptions, Weighed):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Variety(WorldOptions, Weighed):
+class Variety(WorldOptions, LongWork):
     """Count kinds of crash: in libraries, or as policies make them greedily, at random and mixed."""
 
     libraries: Annotated[Sequence[Path | str], Option("Case libraries.", metavar="LIB...")] = field(
@@ -60,7 +60,7 @@ class Variety(WorldOptions, Weighed):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlausibilityStudy(AvOptions, Resumable, Weighed):
+class PlausibilityStudy(AvOptions, Resumable, LongWork):
     """Plot what an adversary reaches against how plausible it must stay: one training per budget and seed."""
 
     out: Annotated[Path | str, Option("Folder for policies, curve and figure.")]

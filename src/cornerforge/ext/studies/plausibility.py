@@ -13,6 +13,7 @@ from cornerforge._options import verb
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.errors import InputError
 from cornerforge.execution.progress import Progress
+from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import (
     code_hash,
@@ -24,7 +25,7 @@ from cornerforge.experiment.output import (
     writing,
 )
 from cornerforge.experiment.policy_file import check_budget, policy_hash, save_policy
-from cornerforge.experiment.setting import AV_LOG, Experiment, check_threads, experiment
+from cornerforge.experiment.setting import AV_LOG, experiment
 from cornerforge.ext.studies.options import PlausibilityStudy
 from cornerforge.intervals import binomial_interval
 from cornerforge.library.filling import harvest_tests

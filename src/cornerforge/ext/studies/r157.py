@@ -17,6 +17,7 @@ from cornerforge._options import verb
 from cornerforge.drivers.careful import CAREFUL, HOLDS, SCENARIOS, drives_into
 from cornerforge.errors import AvFaultError
 from cornerforge.execution import in_order
+from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import (
     check_new_folder,
@@ -27,7 +28,7 @@ from cornerforge.experiment.output import (
     write_json,
     write_text,
 )
-from cornerforge.experiment.setting import AV_LOG, Experiment, check_threads, experiment, road_of
+from cornerforge.experiment.setting import AV_LOG, experiment, road_of
 from cornerforge.ext.studies.options import R157
 from cornerforge.ext.studies.r157_roads import closing_at_least, cut_in_density
 from cornerforge.ext.studies.r157_scenarios import FAMILIES, Panel, panels, rails_of_panel, road_of_r157

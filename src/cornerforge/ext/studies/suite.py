@@ -16,9 +16,9 @@ from cornerforge.analysis.contact import impact_speed
 from cornerforge.drivers.avs import AVS
 from cornerforge.errors import InputError, ReplayError
 from cornerforge.execution.progress import Progress
+from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import check_new_folder, code_hash, config_hash, provenance, version, write_json
-from cornerforge.experiment.setting import Experiment, check_threads
 from cornerforge.ext.studies.options import SuiteBuild
 from cornerforge.ext.studies.suite_choice import LeftOut, choose, leave_one_out, rank_agreement
 from cornerforge.foreign.spec import with_av

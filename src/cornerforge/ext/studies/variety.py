@@ -13,8 +13,9 @@ from cornerforge._checks import check_integer
 from cornerforge._options import verb
 from cornerforge.errors import InputError
 from cornerforge.execution.progress import Progress
+from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.forecast import forecast
-from cornerforge.experiment.setting import Experiment, check_threads, experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.ext.studies.options import Variety
 from cornerforge.fields import HISTORY_SHAPE
 from cornerforge.intervals import binomial_interval

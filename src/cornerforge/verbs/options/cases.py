@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from cornerforge._options import Command, Option, Options, Resumable, Watched, Weighed
+from cornerforge._options import Command, LongWork, Option, Options, Resumable, Watched
 from cornerforge.verbs.options.driving import ACTING
 from cornerforge.world_options import PLAIN_ADVERSARIES, AvAloneOptions, AvProcessOptions, WorldOptions
 
@@ -32,7 +32,7 @@ REACTION = Option(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Generate(WorldOptions, Resumable, Weighed):
+class Generate(WorldOptions, Resumable, LongWork):
     """Fill a case library with crashes that an adversary makes."""
 
     policy: Annotated[
@@ -48,7 +48,7 @@ class Generate(WorldOptions, Resumable, Weighed):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Analyse(Weighed):
+class Analyse(LongWork):
     """Cluster a library's cases; say which could have been avoided, whose fault they were, and which to look at."""
 
     library: Annotated[Path | str, LIBRARY] = field(kw_only=False)
@@ -95,7 +95,7 @@ class Replay(AvProcessOptions, Watched):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Retest(AvAloneOptions, Weighed):
+class Retest(AvAloneOptions, LongWork):
     """Drive another AV through stored cases, and compare; exit status 1 if it got worse."""
 
     library: Annotated[Path | str, Option("A library, a case file, or a folder of such.", metavar="LIB|CASES")] = field(

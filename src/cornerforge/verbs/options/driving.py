@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from cornerforge._options import Command, Option, Options, Resumable, Weighed
+from cornerforge._options import Command, LongWork, Option, Options, Resumable
 from cornerforge.world_options import PLAIN_ADVERSARIES, AvOptions, WorldOptions
 
 __all__ = ["ACTING", "COMMANDS", "CheckAv", "ListAvs", "Rate", "Simulate"]
@@ -20,7 +20,7 @@ ACTING = Option(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Simulate(WorldOptions, Resumable, Weighed):
+class Simulate(WorldOptions, Resumable, LongWork):
     """Drive tests and count crashes; they are stored only with --out."""
 
     tests: Annotated[int, Option("Tests to drive (400 m each).", low=1, high=10**12)] = 10_000
@@ -38,7 +38,7 @@ class Simulate(WorldOptions, Resumable, Weighed):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rate(AvOptions, Resumable, Weighed):
+class Rate(AvOptions, Resumable, LongWork):
     """Measure the AV's natural crash rate, without bias; stopped at any moment, it goes on with --resume.
 
     Exit status 1 if the rate is in doubt.
@@ -90,7 +90,7 @@ class ListAvs(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckAv(AvOptions, Weighed):
+class CheckAv(AvOptions, LongWork):
     """Try an AV of your own on edge cases and measure its speed; exit status 1 if anything fails."""
 
     av: Annotated[

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from cornerforge._options import Command, Option, Options, Resumable, Weighed
+from cornerforge._options import Command, LongWork, Option, Options, Resumable
 from cornerforge.world_options import LEARNERS, REWARD_NAMES, RoadOptions, WorldOptions
 
 __all__ = ["COMMANDS", "REWARD", "Train", "TrainAv"]
@@ -44,7 +44,7 @@ class _Length(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Train(WorldOptions, _Length, Weighed):
+class Train(WorldOptions, _Length, LongWork):
     """Train the adversary on an AV.
 
     On one machine the same command gives the same policy; on another processor the weights may differ.
@@ -72,7 +72,7 @@ class Train(WorldOptions, _Length, Weighed):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainAv(RoadOptions, _Length, Resumable, Weighed):
+class TrainAv(RoadOptions, _Length, Resumable, LongWork):
     """Train an AV to drive in natural and hostile traffic."""
 
     out: Annotated[Path | str, Option("AV file to write, .safetensors; --av takes it.")]

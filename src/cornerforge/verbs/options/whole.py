@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from cornerforge._options import Command, Option, Options, Resumable, Weighed
+from cornerforge._options import Command, LongWork, Option, Options, Resumable
 from cornerforge.verbs.options.cases import DEFAULT_LOOKS, LOOKS, REACTION
 from cornerforge.verbs.options.learning import REWARD
 from cornerforge.world_options import WorldOptions
@@ -27,7 +27,7 @@ class Init(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run(WorldOptions, Resumable, Weighed):
+class Run(WorldOptions, Resumable, LongWork):
     """Do the whole job: natural traffic, natural crash rate, training, cases, analyses, report."""
 
     effort: Annotated[
@@ -52,7 +52,7 @@ class Run(WorldOptions, Resumable, Weighed):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MakeReport(Weighed):
+class MakeReport(LongWork):
     """Make the page of a run, of a natural rate or of any library, whichever AV made it."""
 
     place: Annotated[Path | str, Option("A library, or a folder of run or rate.", metavar="LIB|RUN")] = field(
