@@ -13,8 +13,9 @@ from griffe import Extension
 
 EXAMPLE = re.compile(r"^( *)>>> .*?(?=\n\s*\n|\Z)", flags=re.MULTILINE | re.DOTALL)
 OPTIONS = (
-    "It is called with keywords: the options of the [command of this name](commands.md), with `_` for `-`. The class "
-    "of its one parameter here says what each is; arguments of the command come first and need no keyword."
+    "It is called with keywords: the options of the [command of this name](../commands.html), if there is one, with "
+    "`_` for `-`. The class of its one parameter here says what each is; arguments of the command come first and need "
+    "no keyword."
 )
 
 
