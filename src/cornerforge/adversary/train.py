@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from types import FrameType
 from typing import Any, Protocol
@@ -121,12 +121,9 @@ class Actor(Protocol):
 
 
 class _Actor:
-    """The worlds that produce transitions of the adversary."""
+    """The worlds that produce transitions of the adversary, with an AV that decides inside the kernels."""
 
-    def __init__(
-        self, setting: Setting, slots: int, config: TrainConfig, seed: int, av: ForeignAv | None, threads: int,
-        verdict: Verdict | None,
-    ) -> None:  # fmt: skip
+    def __init__(self, setting: Setting, slots: int, config: TrainConfig, seed: int, verdict: Verdict | None) -> None:
         self._setting, self._seed = setting, seed
         self._reward = reward_numbers(config.reward, config.delay_s)
         if self._reward.by_case != (verdict is not None):
@@ -137,25 +134,17 @@ class _Actor:
         self._scratch = allocate_scratch(slots, setting.who.policy)
         self._keep = keep_nothing(slots)
         self._actors = allocate_actors(config.worlds, setting, slots, N_OBSERVATION)
-        self._foreign = None if av is None else ForeignCollector(av, setting, slots, self._actors, threads)
         self.finished = self._actors.finished.view(np.int64)
         with naming_tests(self._actors.worlds):
             start_worlds(seed, TRAINING_TESTS, setting, self._scratch, self._actors)
 
     def warm_up(self, exploring: Exploring) -> None:
         """Load the kernels that `act` calls, or compile them (once per installation); moves nobody."""
-        out = allocate_transitions(1)
-        if self._foreign is None:
-            self._collect(0, exploring, out)
-        else:
-            self._foreign.warm_up(exploring, self._reward, out)
+        self._collect(0, exploring, allocate_transitions(1))
 
     def act(self, exploring: Exploring, out: Transitions) -> Transitions:
         """Make one decision in every world; returns `out`."""
-        if self._foreign is None:
-            self._collect(len(self._actors.allowed), exploring, out)
-        else:
-            self._foreign.collect(exploring, self._reward, out)
+        self._collect(len(self._actors.allowed), exploring, out)
         if self._cases is not None:
             paid = self._cases.judge(self._actors.worlds, self._actors.history)
             out.reward[paid] = 1.0
@@ -163,12 +152,13 @@ class _Actor:
         return out
 
     def _collect(self, n: int, exploring: Exploring, out: Transitions) -> None:
-        """One decision of the first n worlds."""
+        """Make one decision in each of the first n worlds."""
         with naming_tests(self._actors.worlds):
             collect(n, exploring, self._setting, self._reward, self._actors, self._scratch, self._keep, out)
         warn_of_left_out(self._scratch)
 
-    def _own(self) -> dict[str, NDArray[Any]]:
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Everything that `act` changes and needs again, by name; views."""
         actors = self._actors
         return {
             **{f"worlds.{name}": array for name, array in arrays_of(actors.worlds).items()},
@@ -178,21 +168,38 @@ class _Actor:
             "finished": self.finished,
         }
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Everything that `act` changes and needs again, by name; views."""
-        return self._own() | ({} if self._foreign is None else self._foreign.arrays())
-
     def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
         """Take over what `arrays` gave."""
-        for name, ours in self._own().items():
+        for name, ours in _Actor.arrays(self).items():
             ours[...] = saved[name]
-        if self._foreign is not None:
-            self._foreign.restore(self._seed, saved)
+
+
+class _OutsideActor(_Actor):
+    """The same worlds with an AV from outside, which a collector asks."""
+
+    def __init__(
+        self, setting: Setting, slots: int, config: TrainConfig, seed: int, verdict: Verdict | None, av: ForeignAv,
+        threads: int,
+    ) -> None:  # fmt: skip
+        super().__init__(setting, slots, config, seed, verdict)
+        self._collector = ForeignCollector(av, setting, slots, self._actors, threads)
+
+    def warm_up(self, exploring: Exploring) -> None:
+        self._collector.warm_up(exploring, self._reward, allocate_transitions(1))
+
+    def _collect(self, n: int, exploring: Exploring, out: Transitions) -> None:  # noqa: ARG002
+        self._collector.collect(exploring, self._reward, out)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        return super().arrays() | self._collector.arrays()
+
+    def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
+        super().restore(saved)
+        self._collector.restore(self._seed, saved)
 
     def close(self) -> None:
-        """End the processes of a foreign AV."""
-        if self._foreign is not None:
-            self._foreign.close()
+        """End the AV's processes."""
+        self._collector.close()
 
 
 def _learning_rate(config: TrainConfig, decisions: int, share_of_time: float = 0.0) -> float:
@@ -246,11 +253,10 @@ def train_adversary(
     with ExitStack() as stack:
 
         def worlds(numbers: PolicyNumbers) -> Actor:
-            actor = _Actor(
-                setting.with_drivers(critical=TOLD, policy=numbers), slots, config, seed, av, threads, verdict
-            )
-            stack.callback(actor.close)
-            return actor
+            learnt = setting.with_drivers(critical=TOLD, policy=numbers)
+            if av is None:
+                return _Actor(learnt, slots, config, seed, verdict)
+            return stack.enter_context(closing(_OutsideActor(learnt, slots, config, seed, verdict, av, threads)))
 
         return train_in(worlds, config, seed, threads, max_seconds, progress, checkpoint)
 
