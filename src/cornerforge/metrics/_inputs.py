@@ -46,22 +46,24 @@ def _as_float(name: str, value: ArrayLike) -> NDArray[np.float64]:
 
 
 def check_at_least(low: float, **values: NDArray[np.float64]) -> None:
-    """Check that no value is below `low`.
+    """Check that no value is below `low`, and none infinite.
 
     Raises:
-        InputError: One is; the message names the argument and its least value.
+        InputError: One is; the message names the argument and its first value out of range.
     """
     for name, array in values.items():
-        if (array < low).any():
-            raise InputError(f"{name} = {float(array.min())} is out of range; allowed: {low} and more.")
+        bad = array[~((array >= low) & (array < np.inf))]
+        if bad.size:
+            raise InputError(f"{name} = {bad[0]} is out of range; allowed: {low} and more, but finite.")
 
 
 def check_above_zero(**values: NDArray[np.float64]) -> None:
-    """Check that all values are positive.
+    """Check that all values are positive and finite.
 
     Raises:
-        InputError: One is not; the message names the argument and its least value.
+        InputError: One is not; the message names the argument and its first value out of range.
     """
     for name, array in values.items():
-        if (array <= 0.0).any():
-            raise InputError(f"{name} = {float(array.min())} is out of range; allowed: more than 0.")
+        bad = array[~((array > 0.0) & (array < np.inf))]
+        if bad.size:
+            raise InputError(f"{name} = {bad[0]} is out of range; allowed: more than 0, but finite.")

@@ -43,7 +43,7 @@ def delta_v(
         their `numpy.hypot`.
 
     Raises:
-        InputError: A value is NaN or out of range, or the shapes do not match.
+        InputError: A value is NaN, infinite (friction may be) or out of range, or the shapes do not match.
 
     Source: conservation of momentum, Newton's law of restitution, Coulomb's of friction: the planar impact of Brach
     (1983), "Analysis of planar vehicle collisions using equations of impulse and momentum", without rotation.
@@ -58,7 +58,7 @@ def delta_v(
         restitution=restitution,
         friction=friction,
     )
-    check_at_least(0.0, closing_speed=closing, sliding_speed=sliding, friction=grip)
+    check_at_least(0.0, closing_speed=closing, sliding_speed=sliding, friction=np.minimum(grip, 1.0))  # inf is allowed
     check_above_zero(mass=own, other_mass=other)
     if ((bounce < 0.0) | (bounce > 1.0)).any():
         raise InputError("A restitution is out of range; allowed: 0 (plastic) to 1 (elastic).")
