@@ -62,16 +62,8 @@ def rss_distance(
 ) -> float:
     """Compute the least bumper-to-bumper distance [m] at which the rear vehicle cannot hit the lead, at least 0.
 
-    The lead brakes with `lead_braking` from now on; the rear one accelerates with `acceleration` during its response
-    time and brakes with `rear_braking` after it, both until they stand (definition 1 of the paper).
-
-    `metrics.rss.rss_longitudinal` is the same for arrays, and says where the paper's formula falls short.
-
-    Args:
-        rear_speed, lead_speed: [m/s], not negative.
-        response_time: Response time of the rear vehicle [s].
-        acceleration: Acceleration of the rear vehicle during its response time [m/s2], not negative.
-        rear_braking, lead_braking: [m/s2], positive.
+    The scalar form of `metrics.rss.rss_longitudinal`, which says what the numbers are, how the two drive, and where the
+    paper's formula falls short; in m/s, s and m/s2, unchecked.
     """
     faster = rear_speed + response_time * acceleration
     response = rear_speed * response_time + 0.5 * acceleration * response_time * response_time

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cornerforge._checks import check_finite
-from cornerforge.metrics._inputs import check_at_least, matching_arrays
+from cornerforge.metrics._inputs import check_sizes, matching_arrays
 
 __all__ = ["bbd"]
 
@@ -21,15 +21,13 @@ def bbd(
     Args:
         x_subject: Centre of the vehicle behind, along the road [m], shape (*d).
         x_lead: Centre of the vehicle ahead [m], shape (*d); +inf where no vehicle is ahead.
-        length_subject: Length of the vehicle behind [m], shape (*d) or one number, not negative.
-        length_lead: Length of the vehicle ahead [m], shape (*d) or one number, not negative.
+        length_subject, length_lead: Of the one behind and the one ahead [m], shape (*d) or one number, not negative.
 
     Returns:
         Shape (*d). Negative where the two overlap along the lane, 0 where they touch, +inf where there is no lead.
 
     Raises:
-        InputError: A value is NaN, the subject's position or a length infinite, a length negative, or the shapes do not
-            match.
+        InputError: A value is NaN, the subject's position or a length infinite, a length negative, or shapes differ.
 
     Source: paper, Figure 3(a) and (b).
     >>> bbd(np.array([100.0, 100.0]), np.array([130.0, 104.0]), 5.0, 5.0)
@@ -39,5 +37,5 @@ def bbd(
         x_subject=x_subject, x_lead=x_lead, length_subject=length_subject, length_lead=length_lead
     )
     check_finite("x_subject", subject)  # inf - inf would be NaN
-    check_at_least(0.0, length_subject=behind, length_lead=ahead)
+    check_sizes(length_subject=behind, length_lead=ahead)
     return np.asarray((lead - subject) - 0.5 * (behind + ahead))

@@ -12,19 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cornerforge._checks import check_finite
-from cornerforge.metrics._inputs import check_above_zero, check_at_least, matching_arrays
+from cornerforge.metrics._inputs import check_sizes, matching_arrays
 
 __all__ = ["rss_lateral", "rss_longitudinal", "rss_margin"]
 
 
 def rss_longitudinal(
-    rear_speed: ArrayLike,
-    lead_speed: ArrayLike,
-    response_time: ArrayLike,
-    acceleration: ArrayLike,
-    rear_braking: ArrayLike,
-    lead_braking: ArrayLike,
-) -> NDArray[np.float64]:
+    rear_speed: ArrayLike, lead_speed: ArrayLike, response_time: ArrayLike, acceleration: ArrayLike,
+    rear_braking: ArrayLike, lead_braking: ArrayLike,
+) -> NDArray[np.float64]:  # fmt: skip
     """Give the least bumper-to-bumper distance at which the vehicle behind cannot hit the one ahead [m].
 
     The one ahead brakes with `lead_braking` from now on; the one behind accelerates with `acceleration` during its
@@ -54,15 +50,11 @@ def rss_longitudinal(
     8.5
     """
     rear, lead, response, gain, brakes, braked = matching_arrays(
-        rear_speed=rear_speed,
-        lead_speed=lead_speed,
-        response_time=response_time,
-        acceleration=acceleration,
-        rear_braking=rear_braking,
-        lead_braking=lead_braking,
-    )
-    check_at_least(0.0, rear_speed=rear, lead_speed=lead, response_time=response, acceleration=gain)
-    check_above_zero(rear_braking=brakes, lead_braking=braked)
+        rear_speed=rear_speed, lead_speed=lead_speed, response_time=response_time, acceleration=acceleration,
+        rear_braking=rear_braking, lead_braking=lead_braking,
+    )  # fmt: skip
+    check_sizes(rear_speed=rear, lead_speed=lead, response_time=response, acceleration=gain)
+    check_sizes(zero=False, rear_braking=brakes, lead_braking=braked)
     # Term for term as in the kernel, so that both give the same bits.
     faster = rear + response * gain
     slower = np.maximum(0.0, lead - response * braked)
@@ -75,14 +67,9 @@ def rss_longitudinal(
 
 
 def rss_lateral(
-    towards_a: ArrayLike,
-    towards_b: ArrayLike,
-    response_time_a: ArrayLike,
-    response_time_b: ArrayLike,
-    acceleration: ArrayLike,
-    braking: ArrayLike,
-    margin: ArrayLike = 0.0,
-) -> NDArray[np.float64]:
+    towards_a: ArrayLike, towards_b: ArrayLike, response_time_a: ArrayLike, response_time_b: ArrayLike,
+    acceleration: ArrayLike, braking: ArrayLike, margin: ArrayLike = 0.0,
+) -> NDArray[np.float64]:  # fmt: skip
     """Give the least free space between the sides of two vehicles with which `margin` is left at every moment [m].
 
     Each accelerates towards the other with `acceleration` during its own response time and brakes laterally with
@@ -116,18 +103,13 @@ def rss_lateral(
     0.25
     """
     a, b, response_a, response_b, gain, brakes, least = matching_arrays(
-        towards_a=towards_a,
-        towards_b=towards_b,
-        response_time_a=response_time_a,
-        response_time_b=response_time_b,
-        acceleration=acceleration,
-        braking=braking,
-        margin=margin,
-    )
+        towards_a=towards_a, towards_b=towards_b, response_time_a=response_time_a, response_time_b=response_time_b,
+        acceleration=acceleration, braking=braking, margin=margin,
+    )  # fmt: skip
     check_finite("towards_a", a)
     check_finite("towards_b", b)
-    check_at_least(0.0, response_time_a=response_a, response_time_b=response_b, acceleration=gain, margin=least)
-    check_above_zero(braking=brakes)
+    check_sizes(response_time_a=response_a, response_time_b=response_b, acceleration=gain, margin=least)
+    check_sizes(zero=False, braking=brakes)
     # They can be nearest at the start, at the end, or between: after one responded, when both are equally fast.
     first = np.minimum(response_a, response_b)
     closing, slows = a + b + 2.0 * gain * first, brakes - gain
@@ -145,7 +127,7 @@ def rss_margin(distance: ArrayLike, safe_distance: ArrayLike) -> NDArray[np.floa
         safe_distance: From `rss_longitudinal` or `rss_lateral` [m], shape (*d), at least 0.
 
     Returns:
-        Shape (*d), in (-inf, inf], never NaN. Negative: unsafe. A pair is in danger where both the longitudinal and the
+        Shape (*d), in [-inf, inf], never NaN. Negative: unsafe. A pair is in danger where both the longitudinal and the
         lateral margin are negative, so the larger of the two is the pair's margin.
 
     Raises:
@@ -156,7 +138,7 @@ def rss_margin(distance: ArrayLike, safe_distance: ArrayLike) -> NDArray[np.floa
     array([ 4.625, -5.375,    inf])
     """
     is_distance, needed = matching_arrays(distance=distance, safe_distance=safe_distance)
-    check_at_least(0.0, safe_distance=needed)
+    check_sizes(safe_distance=needed)
     return np.asarray(is_distance - needed)
 
 
