@@ -142,8 +142,8 @@ def encroachment(rng: np.random.Generator) -> None:
         for k in range(7_500):
             front = k * STEP * speed - before
             inside = comes & (front >= 0.0) & (stays | (front - length <= width))
-            entered[i, inside] = np.minimum(entered[i, inside], k * STEP)
-            left[i, inside] = k * STEP
+            np.copyto(entered[i], k * STEP, where=inside & (left[i] < 0.0))
+            np.copyto(left[i], k * STEP, where=inside)
     found = pet(*moments)
     second, met = entered.max(0), np.isfinite(entered).all(0)
     of_first = np.where(entered[0] <= entered[1], left[0], left[1])
