@@ -104,6 +104,9 @@ def test_delta_v_grows_with_speed_bounce_friction_and_the_others_mass(
         ((1.0, 0.0, 1.0, 1.0, 1.1), "A restitution is out of range"),
         ((1.0, 0.0, 1.0, 1.0, 0.0, -0.1), "friction = -0.1 is out of range"),
         ((math.nan,), "closing_speed is NaN"),
+        ((math.inf,), "closing_speed = inf is out of range"),
+        ((1.0, 0.0, 1.0, math.inf), "other_mass = inf is out of range"),
+        ((1.0, 0.0, 1.0, 1.0, 0.0, -math.inf), "friction = -inf is out of range"),
     ],
 )
 def test_bad_impacts_are_refused(arguments: tuple[float, ...], message: str) -> None:
@@ -171,5 +174,5 @@ def test_every_mode_occurs_and_45_degrees_are_lengthwise() -> None:
 def test_bad_blows_are_refused() -> None:
     with pytest.raises(InputError, match=r"delta_v = -1\.0 m/s is negative"):
         injury_probability(-1.0, 0.0)
-    with pytest.raises(InputError, match="force_direction is infinite"):
+    with pytest.raises(InputError, match=r"force_direction\[\] = inf is not finite"):
         injury_probability(1.0, np.inf)

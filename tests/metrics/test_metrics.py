@@ -2,29 +2,17 @@
 
 from __future__ import annotations
 
-import inspect
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cornerforge import metrics
 from cornerforge.errors import InputError
 from cornerforge.metrics import bbd, drac, thw, ttc
 
 distances = st.floats(-1e3, 1e4)
 rates = st.floats(-100.0, 100.0)
 two_argument = pytest.mark.parametrize("metric", [ttc, thw, drac])
-
-
-def test_every_public_measure_is_under_contract() -> None:
-    # The others: tests/metrics/test_impact.py and test_safe_distances.py.
-    assert set(metrics.__all__) == {"bbd", "drac", "thw", "ttc"} | {
-        *("crash_mode", "delta_v", "injury_probability"),
-        *("pet", "rss_lateral", "rss_longitudinal", "rss_margin"),
-    }
-    assert all(inspect.isfunction(getattr(metrics, name)) for name in metrics.__all__)
 
 
 def test_bbd_is_centre_distance_less_half_lengths() -> None:
@@ -101,9 +89,30 @@ def test_bad_input_is_named(metric) -> None:
         metric("near", 1.0)
 
 
-def test_infinite_subject_is_refused() -> None:
+@pytest.mark.parametrize(
+    ("kmh", "seconds", "metres"),
+    [
+        (7.2, 1.0, 2.0),
+        (10, 1.1, 3.1),
+        (20, 1.2, 6.7),
+        (30, 1.3, 10.8),
+        (40, 1.4, 15.6),
+        (50, 1.5, 20.8),
+        (60, 1.6, 26.7),
+    ],
+)
+def test_headway_is_that_of_the_regulation(kmh: float, seconds: float, metres: float) -> None:
+    """Least gaps in time and metres (to 0.1) that an automated lane keeping system leaves: UN R157, 5.2.3.3."""
+    assert thw(metres, kmh / 3.6) == pytest.approx(seconds, abs=0.05 / (kmh / 3.6) + 1e-9)
+
+
+def test_infinite_subject_and_lengths_that_are_none_are_refused() -> None:
     with pytest.raises(InputError, match=r"x_subject\[0\] = inf is not finite"):
         bbd([np.inf], [np.inf], 5.0, 5.0)
+    with pytest.raises(InputError, match=r"length_lead = inf is out of range"):
+        bbd(0.0, np.inf, 5.0, np.inf)
+    with pytest.raises(InputError, match=r"length_subject = -1\.0 is out of range"):
+        bbd(0.0, 10.0, -1.0, 5.0)
 
 
 @two_argument

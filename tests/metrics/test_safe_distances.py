@@ -1,10 +1,10 @@
-"""PET and RSS distances: by hand, against motion in small steps, and the order of the numbers."""
+"""PET and RSS distances: by hand, as published, and the order of the numbers."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cornerforge.drivers.rss import rss_distance
@@ -54,12 +54,23 @@ def test_pet_refuses_the_wrong_order() -> None:
         pet(0.0, 1.0, 2.0, 1.0)
 
 
+def test_pet_refuses_a_vehicle_that_was_always_there() -> None:
+    with pytest.raises(InputError, match="Vehicle a enters at -inf s"):
+        pet(-np.inf, 1.0, 2.0, 3.0)
+
+
 @given(rear=speeds, lead=speeds, response=times, gain=gains, own=brakes, other=brakes)
 def test_longitudinal_is_bit_for_bit_that_of_the_driver(
     rear: float, lead: float, response: float, gain: float, own: float, other: float
 ) -> None:
     numbers = (rear, lead, response, gain, own, other)
     assert float(rss_longitudinal(*numbers)) == rss_distance(*numbers)
+
+
+@pytest.mark.parametrize(("response", "metres"), [(1.0, 151.81), (2.0, 213.74)])
+def test_longitudinal_is_what_the_open_library_expects_before_an_obstacle(response: float, metres: float) -> None:
+    """At 100 km/h, with 3.5 and 4 m/s2; of ad-rss-lib's RSSFormulaTestsCalculateDistanceAfterStatedBreakingPattern."""
+    assert rss_longitudinal(100.0 / 3.6, 0.0, response, 3.5, 4.0, 8.0) == pytest.approx(metres, abs=0.01)
 
 
 def test_longitudinal_by_hand() -> None:
@@ -122,23 +133,6 @@ def test_lateral_by_hand(towards: tuple[float, float], expected: float) -> None:
     assert rss_lateral(*towards, 0.5, 1.0, 0.2, 0.8, 0.1) == pytest.approx(expected)
 
 
-@given(a=drifts, b=drifts, response_a=times, response_b=times, gain=gains, own=brakes)
-def test_lateral_worst_case_ends_with_the_margin_left(
-    a: float, b: float, response_a: float, response_b: float, gain: float, own: float
-) -> None:
-    # Driven in steps of 1 ms; both stop within (4 + 3 * 4) / 0.5 + 3 s.
-    step = 1e-3
-    start = float(rss_lateral(a, b, response_a, response_b, gain, own, 0.1))
-    way = 0.0
-    for speed, response in ((a, response_a), (b, response_b)):
-        t = np.arange(0.0, response, step)
-        way += float((speed + gain * t).sum()) * step
-        after = speed + gain * len(t) * step
-        way += after * abs(after) / (2.0 * own)
-    assume(abs(way) > 0.2)
-    assert start == pytest.approx(0.1 + max(0.0, way), abs=0.1)
-
-
 @given(a=drifts, b=drifts, more=st.floats(0.0, 2.0), response=times, gain=gains, own=brakes)
 def test_lateral_grows_with_the_approach_and_is_symmetric(
     a: float, b: float, more: float, response: float, gain: float, own: float
@@ -163,10 +157,13 @@ def test_margin_grows_with_distance_and_falls_with_the_safe_one(distance: float,
     [
         (lambda: rss_longitudinal(-1.0, 1.0, 1.0, 1.0, 1.0, 1.0), "rear_speed = -1.0 is out of range"),
         (lambda: rss_longitudinal(1.0, 1.0, 1.0, 1.0, 0.0, 1.0), "rear_braking = 0.0 is out of range"),
+        (lambda: rss_longitudinal(1.0, 1.0, np.inf, 0.0, 1.0, 1.0), "response_time = inf is out of range"),
+        (lambda: rss_longitudinal(1.0, 1.0, 1.0, 1.0, 1.0, np.inf), "lead_braking = inf is out of range"),
+        (lambda: rss_lateral(0.0, -np.inf, 1.0, 1.0, 0.2, 0.8), r"towards_b\[\] = -inf is not finite"),
         (lambda: rss_longitudinal(1.0, np.nan, 1.0, 1.0, 1.0, 1.0), "lead_speed is NaN"),
         (lambda: rss_lateral(0.0, 0.0, -1.0, 1.0, 0.2, 0.8), "response_time_a = -1.0 is out of range"),
         (lambda: rss_lateral(0.0, 0.0, 1.0, 1.0, 0.2, 0.0), "braking = 0.0 is out of range"),
-        (lambda: rss_margin(1.0, np.inf), "safe_distance is infinite"),
+        (lambda: rss_margin(1.0, np.inf), "safe_distance = inf is out of range"),
         (lambda: rss_margin([1.0, 2.0], [1.0, 2.0, 3.0]), "shapes do not match"),
     ],
 )

@@ -69,20 +69,14 @@ class AvDriver:
     def rss_ahead(self, speed: float, lead_speed: float) -> float:
         """Safe distance behind a lead."""
         p = self.rss
-        path = speed * p.response_time + 0.5 * p.max_acceleration * p.response_time * p.response_time
-        reached = speed + p.response_time * p.max_acceleration
-        path = path + reached * reached / (2.0 * p.min_braking)
-        return max(0.0, path - lead_speed * lead_speed / (2.0 * p.lead_braking))
+        return safe_distance(speed, lead_speed, p.response_time, p.max_acceleration, p.min_braking, p.lead_braking)
 
     def rss_behind(self, rear_speed: float, speed: float) -> float:
         """Safe distance of a driver behind the AV."""
         p = self.rss
-        path = (
-            rear_speed * p.rear_response_time + 0.5 * p.rear_acceleration * p.rear_response_time * p.rear_response_time
+        return safe_distance(
+            rear_speed, speed, p.rear_response_time, p.rear_acceleration, p.rear_braking, p.lead_braking
         )
-        reached = rear_speed + p.rear_response_time * p.rear_acceleration
-        path = path + reached * reached / (2.0 * p.rear_braking)
-        return max(0.0, path - speed * speed / (2.0 * p.lead_braking))
 
     def proper_response(self, speed: float, gap: float, lead_speed: float) -> float:
         """Acceleration that RSS allows at most behind a lead."""
@@ -90,8 +84,26 @@ class AvDriver:
             return math.inf
         if gap <= 0.0:
             return -8.0
-        stop = speed * speed / (2.0 * (gap + lead_speed * lead_speed / (2.0 * self.rss.lead_braking)))
-        return -min(max(stop, self.rss.min_braking), 8.0)
+        brakes, braking = self.rss.lead_braking, self.rss.min_braking
+        enough = speed * speed / (2.0 * (gap + lead_speed * lead_speed / (2.0 * brakes)))
+        if lead_speed < speed and speed / enough < lead_speed / brakes:
+            enough = brakes + (speed - lead_speed) ** 2 / (2.0 * gap)
+        return -min(max(enough, braking), 8.0)
+
+
+def safe_distance(
+    rear: float, lead: float, response: float, acceleration: float, rear_braking: float, lead_braking: float
+) -> float:
+    """Room that the one behind needs, at the end or, if it is sooner slower than the one ahead, at that moment [m]."""
+    path = rear * response + 0.5 * acceleration * response * response
+    reached = rear + response * acceleration
+    needed = path + reached * reached / (2.0 * rear_braking) - lead * lead / (2.0 * lead_braking)
+    if rear_braking > lead_braking and response < lead / lead_braking:
+        left = lead - lead_braking * response
+        if left < reached and reached / rear_braking < left / lead_braking:
+            gained = path - 0.5 * (lead + left) * response
+            needed = gained + (reached - left) * (reached - left) / (2.0 * (rear_braking - lead_braking))
+    return max(0.0, needed)
 
 
 @dataclass(frozen=True)

@@ -89,6 +89,8 @@ def case(number: int) -> Case:
     )
     # A draw of its own, so that the other choices are those of the time when all AVs were plain.
     av = replace(av, kind=str(np.random.default_rng([number, 1]).choice(["plain", "plain", "watchful", "cautious"])))
+    if av.kind == "cautious" and number % 2 == 1:  # behind a lead that brakes less than it, distances are another case
+        av = replace(av, rss=replace(av.rss, lead_braking=3.0))
     adversary = ADVERSARIES[number % 4]
     return Case(
         number,

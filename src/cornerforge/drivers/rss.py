@@ -62,17 +62,15 @@ def rss_distance(
 ) -> float:
     """Compute the least bumper-to-bumper distance [m] at which the rear vehicle cannot hit the lead, at least 0.
 
-    The lead brakes with `lead_braking` from now on; the rear one accelerates with `acceleration` during its response
-    time and brakes with `rear_braking` after it, both until they stand (definition 1 of the paper).
-
-    Args:
-        rear_speed, lead_speed: [m/s], not negative.
-        response_time: Response time of the rear vehicle [s].
-        acceleration: Acceleration of the rear vehicle during its response time [m/s2], not negative.
-        rear_braking, lead_braking: [m/s2], positive.
+    The scalar form of `metrics.rss.rss_longitudinal`, which says what the numbers are, how the two drive, and where the
+    paper's formula falls short; in m/s, s and m/s2, unchecked.
     """
     faster = rear_speed + response_time * acceleration
     response = rear_speed * response_time + 0.5 * acceleration * response_time * response_time
+    slower = max(0.0, lead_speed - response_time * lead_braking)
+    if slower < faster and faster * lead_braking < slower * rear_braking:  # so the lead still moves, and brakes less
+        closing = (faster - slower) * (faster - slower) / (2.0 * (rear_braking - lead_braking))
+        return max(0.0, response - 0.5 * (lead_speed + slower) * response_time + closing)
     distance = response + faster * faster / (2.0 * rear_braking) - lead_speed * lead_speed / (2.0 * lead_braking)
     return max(0.0, distance)
 
@@ -81,8 +79,8 @@ def rss_distance(
 def rss_braking(speed: float, gap: float, lead_speed: float, p: RssNumbers) -> float:
     """Compute how hard the AV must brake behind a lead [m/s2]: 0 at the safe distance and beyond.
 
-    Nearer, it brakes so that it could stop behind a lead that brakes with `lead_braking`, with at least `min_braking`
-    and at most 8 m/s2. With no gap left it brakes with 8 m/s2.
+    Nearer, it brakes with the least constant braking by which it never touches a lead that brakes with `lead_braking`,
+    with at least `min_braking` and at most 8 m/s2. With no gap left it brakes with 8 m/s2.
 
     Args:
         speed: The AV's [m/s].
@@ -97,5 +95,9 @@ def rss_braking(speed: float, gap: float, lead_speed: float, p: RssNumbers) -> f
         return 0.0
     if gap <= 0.0:
         return _HARDEST_BRAKING
-    room = gap + lead_speed * lead_speed / (2.0 * p.lead_braking)
-    return min(_HARDEST_BRAKING, max(p.min_braking, speed * speed / (2.0 * room)))
+    closing = speed - lead_speed
+    if closing * lead_speed > 2.0 * gap * p.lead_braking:  # it stops first, so they are nearest when equally fast
+        enough = p.lead_braking + closing * closing / (2.0 * gap)
+    else:
+        enough = speed * speed / (2.0 * (gap + lead_speed * lead_speed / (2.0 * p.lead_braking)))
+    return min(_HARDEST_BRAKING, max(p.min_braking, enough))

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cornerforge.errors import InputError
 
-__all__ = ["check_above_zero", "check_at_least", "matching_arrays"]
+__all__ = ["check_sizes", "matching_arrays"]
 
 
 def matching_arrays(**values: ArrayLike) -> tuple[NDArray[np.float64], ...]:
@@ -45,23 +45,14 @@ def _as_float(name: str, value: ArrayLike) -> NDArray[np.float64]:
     return array
 
 
-def check_at_least(low: float, **values: NDArray[np.float64]) -> None:
-    """Check that no value is below `low`.
+def check_sizes(*, zero: bool = True, **values: NDArray[np.float64]) -> None:
+    """Check that all values are finite and positive, or 0 unless `zero` is False.
 
     Raises:
-        InputError: One is; the message names the argument and its least value.
+        InputError: One is not; the message names the argument and its first value out of range.
     """
     for name, array in values.items():
-        if (array < low).any():
-            raise InputError(f"{name} = {float(array.min())} is out of range; allowed: {low} and more.")
-
-
-def check_above_zero(**values: NDArray[np.float64]) -> None:
-    """Check that all values are positive.
-
-    Raises:
-        InputError: One is not; the message names the argument and its least value.
-    """
-    for name, array in values.items():
-        if (array <= 0.0).any():
-            raise InputError(f"{name} = {float(array.min())} is out of range; allowed: more than 0.")
+        bad = array[~((array >= 0.0 if zero else array > 0.0) & (array < np.inf))]
+        if bad.size:
+            allowed = "0 and more" if zero else "more than 0"
+            raise InputError(f"{name} = {bad[0]} is out of range; allowed: {allowed}, but finite.")

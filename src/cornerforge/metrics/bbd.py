@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cornerforge._checks import check_finite
-from cornerforge.metrics._inputs import matching_arrays
+from cornerforge.metrics._inputs import check_sizes, matching_arrays
 
 __all__ = ["bbd"]
 
@@ -16,19 +16,18 @@ def bbd(
 ) -> NDArray[np.float64]:
     """Give the distance along the lane from the subject's front bumper to the lead's rear bumper [m].
 
-    Headings are taken as zero: over a lane change of 2.5 s and more that is wrong by less than 0.2 m.
+    Headings are taken as zero: up to 45 degrees that is wrong by at most 0.2 m for each of two cars of 5 m x 2 m.
 
     Args:
         x_subject: Centre of the vehicle behind, along the road [m], shape (*d).
         x_lead: Centre of the vehicle ahead [m], shape (*d); +inf where no vehicle is ahead.
-        length_subject: Length of the vehicle behind [m], shape (*d) or one number.
-        length_lead: Length of the vehicle ahead [m], shape (*d) or one number.
+        length_subject, length_lead: Of the one behind and the one ahead [m], shape (*d) or one number, not negative.
 
     Returns:
         Shape (*d). Negative where the two overlap along the lane, 0 where they touch, +inf where there is no lead.
 
     Raises:
-        InputError: A value is NaN, the subject's position infinite, or the shapes do not match.
+        InputError: A value is NaN, the subject's position or a length infinite, a length negative, or shapes differ.
 
     Source: paper, Figure 3(a) and (b).
     >>> bbd(np.array([100.0, 100.0]), np.array([130.0, 104.0]), 5.0, 5.0)
@@ -38,4 +37,5 @@ def bbd(
         x_subject=x_subject, x_lead=x_lead, length_subject=length_subject, length_lead=length_lead
     )
     check_finite("x_subject", subject)  # inf - inf would be NaN
+    check_sizes(length_subject=behind, length_lead=ahead)
     return np.asarray((lead - subject) - 0.5 * (behind + ahead))

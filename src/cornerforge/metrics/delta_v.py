@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cornerforge.errors import InputError
-from cornerforge.metrics._inputs import check_above_zero, check_at_least, matching_arrays
+from cornerforge.metrics._inputs import check_sizes, matching_arrays
 
 __all__ = ["FRICTION", "delta_v"]
 
@@ -43,7 +43,7 @@ def delta_v(
         their `numpy.hypot`.
 
     Raises:
-        InputError: A value is NaN or out of range, or the shapes do not match.
+        InputError: A value is NaN, infinite (friction may be) or out of range, or the shapes do not match.
 
     Source: conservation of momentum, Newton's law of restitution, Coulomb's of friction: the planar impact of Brach
     (1983), "Analysis of planar vehicle collisions using equations of impulse and momentum", without rotation.
@@ -51,15 +51,11 @@ def delta_v(
     (array([0.5, 0.5]), array([0.25, 0.2 ]))
     """
     closing, sliding, own, other, bounce, grip = matching_arrays(
-        closing_speed=closing_speed,
-        sliding_speed=sliding_speed,
-        mass=mass,
-        other_mass=other_mass,
-        restitution=restitution,
-        friction=friction,
-    )
-    check_at_least(0.0, closing_speed=closing, sliding_speed=sliding, friction=grip)
-    check_above_zero(mass=own, other_mass=other)
+        closing_speed=closing_speed, sliding_speed=sliding_speed, mass=mass, other_mass=other_mass,
+        restitution=restitution, friction=friction,
+    )  # fmt: skip
+    check_sizes(closing_speed=closing, sliding_speed=sliding, friction=np.minimum(grip, 1.0))  # inf is allowed
+    check_sizes(zero=False, mass=own, other_mass=other)
     if ((bounce < 0.0) | (bounce > 1.0)).any():
         raise InputError("A restitution is out of range; allowed: 0 (plastic) to 1 (elastic).")
     share = other / (own + other)

@@ -21,6 +21,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cornerforge._checks import check_finite
 from cornerforge.errors import InputError
 from cornerforge.metrics._inputs import matching_arrays
 
@@ -61,14 +62,13 @@ def crash_mode(force_direction: ArrayLike) -> NDArray[np.int8]:
         45 degrees from behind is rear, the left is the near side of a driver on the left seat.
 
     Raises:
-        InputError: A value is NaN.
+        InputError: A value is NaN or infinite.
 
     >>> [CRASH_MODES[mode] for mode in crash_mode(np.radians([0.0, 44.0, 46.0, -90.0, 180.0, -136.0]))]
     ['frontal', 'frontal', 'near side', 'far side', 'rear', 'rear']
     """
     (direction,) = matching_arrays(force_direction=force_direction)
-    if np.isinf(direction).any():
-        raise InputError("force_direction is infinite; give an angle in rad.")
+    check_finite("force_direction", direction)
     ahead, left = np.cos(direction), np.sin(direction)
     side = np.where(left > 0.0, _NEAR, _FAR)
     # A small tolerance, so that 45 degrees counts as frontal on both sides, for any last bit.
@@ -88,7 +88,7 @@ def injury_probability(delta_v: ArrayLike, force_direction: ArrayLike) -> NDArra
         zero; 1 within rounding from about 130 m/s on.
 
     Raises:
-        InputError: A value is NaN or a delta-v negative, or the shapes do not match.
+        InputError: A value is NaN, a delta-v negative, a direction infinite, or the shapes do not match.
 
     Source: see the module's text; which curve is published and which is derived stands there.
     >>> injury_probability(30.0 * 0.44704, np.radians([0.0, 90.0, -90.0, 180.0])).round(3)

@@ -27,7 +27,7 @@ def pet(enter_a: ArrayLike, leave_a: ArrayLike, enter_b: ArrayLike, leave_b: Arr
         the other leaves, +inf where one of them never enters.
 
     Raises:
-        InputError: A value is NaN, a vehicle leaves before it enters, or the shapes do not match.
+        InputError: A value is NaN or -inf, a vehicle leaves before it enters, or the shapes do not match.
 
     Source: Allen, Shin and Cooper (1978).
     >>> pet([1.0, 5.0, 1.0, np.inf], [2.0, 6.0, 4.0, np.inf], [5.0, 1.0, 3.0, 3.0], [6.0, 2.0, 5.0, 4.0])
@@ -35,6 +35,8 @@ def pet(enter_a: ArrayLike, leave_a: ArrayLike, enter_b: ArrayLike, leave_b: Arr
     """
     in_a, out_a, in_b, out_b = matching_arrays(enter_a=enter_a, leave_a=leave_a, enter_b=enter_b, leave_b=leave_b)
     for name, entered, left in (("a", in_a, out_a), ("b", in_b, out_b)):
+        if np.isneginf(entered).any():
+            raise InputError(f"Vehicle {name} enters at -inf s; give the moment at which the observation begins.")
         if (left < entered).any():
             place = tuple(int(i) for i in np.argwhere(left < entered)[0])
             raise InputError(

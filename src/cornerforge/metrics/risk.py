@@ -71,20 +71,21 @@ def contact_time(
     lengths: tuple[_Size, _Size],
     widths: tuple[_Size, _Size],
 ) -> NDArray[np.float64]:
-    """Time until two boxes touch if both keep their velocity and heading [s]: TTC in the plane.
+    """Give the time until two boxes touch if both keep their velocity and heading [s]: TTC in the plane.
 
     For vehicles in one lane it equals the usual TTC; for vehicles side by side it sees the lateral approach, which the
     usual one cannot.
 
     Args:
-        offset: Centre of B minus centre of A [m], shape (T, 2).
-        velocity: Velocity of B minus velocity of A [m/s], shape (T, 2).
-        heading_a: Heading of A, counter-clockwise [rad], shape (T,).
+        offset: Centre of B minus centre of A [m], shape (T, 2), not infinite.
+        velocity: Velocity of B minus velocity of A [m/s], shape (T, 2), not infinite.
+        heading_a: Heading of A, counter-clockwise [rad], shape (T,), not infinite.
         heading_b: Heading of B, shape (T,).
         lengths, widths: Lengths and widths of A and B [m], numbers or (T,).
 
     Returns:
-        Shape (T,), in [0, inf]: 0 where the boxes overlap, +inf where they never touch, NaN where an input is NaN.
+        Shape (T,), in [0, inf]: 0 where the boxes overlap, +inf where they never touch or only graze each other, NaN
+        where a position, velocity or heading is NaN.
 
     Source: separating axes with linear motion (Eberly, "Dynamic Collision Detection Using Oriented Bounding Boxes").
 
@@ -105,7 +106,8 @@ def contact_time(
         enter = np.maximum(enter, np.where(moving, bounds[0], -always))
         leave = np.minimum(leave, np.where(moving, bounds[1], always))
     result = np.where((enter < leave) & (leave > 0.0), np.maximum(enter, 0.0), np.inf)
-    return np.where(np.isnan(offset).any(axis=1) | np.isnan(velocity).any(axis=1), np.nan, result)
+    unknown = np.isnan(offset).any(axis=1) | np.isnan(velocity).any(axis=1) | np.isnan(heading_a + heading_b)
+    return np.where(unknown, np.nan, result)
 
 
 def _half_extent(angle: NDArray[np.float64], length: _Size, width: _Size) -> NDArray[np.float64]:
