@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,7 +27,6 @@ class NddModel:  # the name is enough: the module that has the class need not be
 ANY = Option("Anything of its type.")
 
 
-@dataclass(frozen=True, kw_only=True)
 class Asked(Options):
     """Do nothing."""
 

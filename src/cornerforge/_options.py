@@ -3,7 +3,6 @@
 A verb has a frozen dataclass with its options as fields, in a module that is light to import, because `--help` needs
 it. The annotation of a field says its type and, in an `Option`, what it means and which values it may have.
 
-    @dataclass(frozen=True, kw_only=True)
     class Simulate(WorldOptions, Seeded, Watched):
         '''Drive tests and count crashes.'''
 
@@ -27,6 +26,7 @@ from typing import Annotated, Any, Concatenate, ParamSpec, TypeVar, cast, get_ar
 from cornerforge._arguments import allowed_types, check_value, is_several
 from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge._locks import claims
+from cornerforge._schema import Declared
 from cornerforge.execution.progress import NO_PROGRESS, Progress
 
 __all__ = [
@@ -83,8 +83,7 @@ class Option:
         return f"{text} {self.more}" if self.more else text
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options:
+class Options(Declared):
     """Options of a verb, or some that several verbs share; checked when they are made.
 
     Raises:
@@ -97,33 +96,28 @@ class Options:
             _check(name, getattr(self, name), hint)
 
 
-@dataclass(frozen=True, kw_only=True)
 class Watched(Options):
     """Work that tells how far it is."""
 
     progress: Annotated[Progress, Option("Told how far it is.", hidden=True)] = NO_PROGRESS
 
 
-@dataclass(frozen=True, kw_only=True)
 class Seeded(Options):
     """Work that draws random numbers."""
 
     seed: Annotated[int, Option("Names the random numbers; same seed, same results.", low=0, high=2**63 - 1)] = 0
 
 
-@dataclass(frozen=True, kw_only=True)
 class Threaded(Options):
     """Work of several threads."""
 
     threads: Annotated[int | None, Option("Threads; all cores by default. Does not change results.")] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class LongWork(Seeded, Threaded, Watched):
     """Long work: random, on all cores, watched."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class Resumable(Options):
     """Work that can be stopped and goes on."""
 

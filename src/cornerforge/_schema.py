@@ -10,7 +10,8 @@ import json
 import math
 import re
 from collections.abc import Sequence
-from typing import Annotated, Any, TypeVar, get_type_hints
+from dataclasses import dataclass, field
+from typing import Annotated, Any, TypeVar, dataclass_transform, get_type_hints
 
 import msgspec
 
@@ -18,7 +19,7 @@ from cornerforge._checks import check_integer, check_number
 from cornerforge._words import shown
 from cornerforge.errors import FileFormatError
 
-__all__ = ["Closed", "Hex", "Share", "Whole", "check_fields", "meant", "parse", "read", "unit_of"]
+__all__ = ["Closed", "Declared", "Hex", "Share", "Whole", "check_fields", "meant", "parse", "read", "unit_of"]
 
 T = TypeVar("T")
 
@@ -34,6 +35,17 @@ _WORDS = {
     "object": "an object",
 }  # fmt: skip
 _SHOWN = 60
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(field,))
+@dataclass(frozen=True, kw_only=True)
+class Declared:
+    """Base of classes that are made of declared fields: their subclasses are frozen dataclasses, made by keywords."""
+
+    def __init_subclass__(cls) -> None:
+        """Make a dataclass of a subclass."""
+        super().__init_subclass__()
+        dataclass(frozen=True, kw_only=True)(cls)
 
 
 class Closed(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -6,7 +6,7 @@ module is light to import, because `--help` needs it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -40,7 +40,6 @@ LEARNERS = ("dqn", "ppo")
 """Names of learners, as help names them; each is the file of that name in `adversary/`."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class _World(Options):
     """Some options of a world; the others are as by default."""
 
@@ -50,7 +49,6 @@ class _World(Options):
         return WorldOptions(**{one.name: getattr(self, one.name) for one in fields(WorldOptions) if one.name in own})
 
 
-@dataclass(frozen=True, kw_only=True)
 class RoadOptions(_World):
     """The road and its traffic."""
 
@@ -62,7 +60,6 @@ class RoadOptions(_World):
     model: Annotated[Path | str | NddModel | None, Option("Naturalistic model; the shipped one by default.")] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class AvProcessOptions(_World):
     """The process in which an AV from outside runs, and its time."""
 
@@ -81,7 +78,6 @@ class AvProcessOptions(_World):
     ] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class AvAskedOptions(AvProcessOptions):
     """How an AV from outside is asked."""
 
@@ -95,7 +91,6 @@ class AvAskedOptions(AvProcessOptions):
     ] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class _Av(_World):
     """The AV."""
 
@@ -109,24 +104,20 @@ class _Av(_World):
     ] = "idm-mobil"
 
 
-@dataclass(frozen=True, kw_only=True)
 class AvAloneOptions(_Av, AvAskedOptions):
     """The AV, on a road that is known."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class AvOptions(_Av, RoadOptions, AvAskedOptions):
     """The AV, the road and its traffic."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class _Mask(_World):
     """The mask of an adversary."""
 
     bounded: Annotated[bool, Option("Only actions that the naturalistic model calls possible.")] = False
 
 
-@dataclass(frozen=True, kw_only=True)
 class _Budget(_Mask):
     """The mask and the likelihood budget of an adversary."""
 
@@ -140,17 +131,14 @@ class _Budget(_Mask):
     ] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class DrivingEnvOptions(_Mask, RoadOptions):
     """The world of `cornerforge/Driving-v0`, whose AV is the agent."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class AdversaryEnvOptions(_Av, DrivingEnvOptions, AvProcessOptions):
     """The world of `cornerforge/Adversary-v0`, whose adversary is the agent."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class WorldOptions(_Av, RoadOptions, _Budget, AvAskedOptions):
     """The world of a test, with an adversary; `experiment.setting.experiment` checks names and files.
 

@@ -6,11 +6,12 @@ Importing this needs no PyTorch. Another learner keeps its hyperparameters and p
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from cornerforge._checks import check_in, check_integer, check_number
+from cornerforge._schema import Declared
 from cornerforge.adversary.worlds import reward_numbers
 from cornerforge.drivers.policy import NetworkShape
 from cornerforge.errors import MissingExtraError, UnknownNameError
@@ -23,8 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["PRESETS", "DqnConfig", "TrainConfig", "preset_named"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrainConfig:
+class TrainConfig(Declared):
     """Hyperparameters that every learner has.
 
     `learner` is a name of `world_options.LEARNERS`. `decisions` counts transitions of the controlled BV over all
@@ -75,7 +75,6 @@ class TrainConfig:
         return learner
 
 
-@dataclass(frozen=True, kw_only=True)
 class DqnConfig(TrainConfig):
     """Hyperparameters of the dueling double DQN.
 

@@ -7,7 +7,6 @@ logits of the policy, and their mean is the value of the state.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -30,7 +29,6 @@ _FORBIDDEN = -1e9
 """Logit of an action that the mask forbids."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class PpoConfig(TrainConfig):
     """Hyperparameters of PPO.
 

@@ -66,7 +66,6 @@ _MOST_POINTS = 1000
 """At this many points of the curve pairs of neighbours are joined, and later points come half as often."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class CurvePoint(TrainingPoint):
     """A point of the curve of a training that runs, hence with its time."""
 

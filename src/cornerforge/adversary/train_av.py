@@ -6,7 +6,7 @@ Some of its tests have hostile BVs, so that it meets danger often enough to lear
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
@@ -47,7 +47,6 @@ from cornerforge.sim import (
 __all__ = ["AV_TRAINING", "AvTrainConfig", "train_av"]
 
 
-@dataclass(frozen=True, kw_only=True)
 class AvTrainConfig(DqnConfig):
     """`DqnConfig` for the AV. A decision is a second of one world here: two decisions of the AV.
 

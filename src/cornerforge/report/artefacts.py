@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checksums import read_json
-from cornerforge._schema import Share, Whole
+from cornerforge._schema import Declared, Share, Whole
 from cornerforge.errors import FileFormatError
 from cornerforge.intervals import binomial_interval
 from cornerforge.report.judged import read_table
@@ -44,8 +44,7 @@ __all__ = [
 _BILLION = 1e9
 
 
-@dataclass(frozen=True, kw_only=True)
-class Rate:
+class Rate(Declared):
     """Part of a crash rate that the page shows: fields of `Simulated`, `Filled` and `Baseline`.
 
     Attributes:
@@ -76,14 +75,12 @@ class Rate:
         return self.interval95[1]
 
 
-@dataclass(frozen=True, kw_only=True)
 class FilledRate(Rate):
     """The rate of the tests that filled the library, and the cases in it."""
 
     cases: Whole
 
 
-@dataclass(frozen=True, kw_only=True)
 class OnRoads(Rate):
     """Part of the natural rate (`NaturalRate`) that the page shows."""
 
@@ -101,8 +98,7 @@ class OnRoads(Rate):
         return 3 if self.method == "mc" and super().digits == 3 else 2
 
 
-@dataclass(frozen=True, kw_only=True)
-class Summary:
+class Summary(Declared):
     """Part of `RunDone` that the page shows; early files may lack what has a default, and so does a single library."""
 
     av: str

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
 
-from cornerforge._schema import Whole, meant
+from cornerforge._schema import Declared, Whole, meant
 
 __all__ = ["CasesFromData", "DataFileRead", "MomentOfData"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class DataFileRead:
+class DataFileRead(Declared):
     """A trajectory file, and what became of its rows."""
 
     file: Annotated[str, meant("Its name, without folders.")]
@@ -26,8 +24,7 @@ class DataFileRead:
     notes: Annotated[tuple[str, ...], meant("What is odd about it, or had to be taken as given.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class MomentOfData:
+class MomentOfData(Declared):
     """A critical moment, the case made of it, and what became of the AV in it."""
 
     case: Annotated[str, meant("Name of the case.")]
@@ -53,8 +50,7 @@ class MomentOfData:
     case_id: Annotated[str | None, meant("Its case id in the library; null: no crash.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class CasesFromData:
+class CasesFromData(Declared):
     """Critical moments of recorded traffic as cases."""
 
     files: Annotated[tuple[DataFileRead, ...], meant("The trajectory files.")]

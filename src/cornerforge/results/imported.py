@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
 
-from cornerforge._schema import Whole, meant
+from cornerforge._schema import Declared, Whole, meant
 
 __all__ = ["ImportedCase", "ImportedCases", "Refused"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ImportedCase:
+class ImportedCase(Declared):
     """A file of another tool, the case made of it, and what became of the AV in it."""
 
     source: Annotated[str, meant("The file that was read.")]
@@ -32,16 +30,14 @@ class ImportedCase:
     case_id: Annotated[str | None, meant("Its case id there; null: no crash.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Refused:
+class Refused(Declared):
     """A file that could not be read."""
 
     source: Annotated[str, meant("The file.")]
     why: Annotated[str, meant("What is wrong with it.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ImportedCases:
+class ImportedCases(Declared):
     """Scenarios of other tools as cases."""
 
     cases: Annotated[tuple[ImportedCase, ...], meant("The cases, in the order of the files.")]

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
 
-from cornerforge._schema import Share, Whole, meant
+from cornerforge._schema import Declared, Share, Whole, meant
 
 __all__ = ["INTERVAL95", "PER_TEST", "TESTS", "Interval", "Rate", "Yield"]
 
@@ -17,8 +16,7 @@ PER_TEST = meant("Share of the tests in which the AV crashed, 0 to 1.", "per tes
 INTERVAL95 = meant("Exact interval of `crashes_per_test` (Clopper-Pearson); low is 0 with no crash.", "per test")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Rate:
+class Rate(Declared):
     """How often the AV crashes, per test and per mile, with what it is counted over."""
 
     tests: Annotated[Whole, TESTS]
@@ -31,7 +29,6 @@ class Rate:
     miles: Annotated[float, meant("Distance that the AV drove in all tests.", "miles")]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Yield(Rate):
     """How often an adversary makes the AV crash, how often so that braking helps, and who strikes."""
 

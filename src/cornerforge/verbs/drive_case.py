@@ -223,7 +223,6 @@ def recorded_drive(run: Experiment, script: Script) -> Scenario:
     return replace(scenario, crash=None, **{one.name: getattr(scenario, one.name)[:frames] for one in SERIES})
 
 
-@dataclass(frozen=True, kw_only=True)
 class DriveCase(AvAloneOptions):
     """Drive a case file; the AV "recorded" is whatever was in the AV's seat."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +17,6 @@ DATA_FORMAT = Option(
 )  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
 class NddFit(LongWork):
     """Fit a naturalistic model from trajectories; its report is written beside it.
 
@@ -37,7 +36,6 @@ class NddFit(LongWork):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
 class NddValidate(LongWork):
     """Compare a model with held-out trajectories and published facts; exit status 1 if it does not pass."""
 
@@ -50,7 +48,6 @@ class NddValidate(LongWork):
     out: Annotated[Path | str | None, Option("Folder for validation.json, the page and its figures.")] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class NddShow(Watched):
     """Show a naturalistic model: its key numbers beside published facts; figures with --out."""
 
@@ -60,7 +57,6 @@ class NddShow(Watched):
     out: Annotated[Path | str | None, Option("Folder for figures (PNG).")] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class NddImport(Watched):
     """Make a model of the published IVBSS arrays; what is missing is filled from ours and named."""
 

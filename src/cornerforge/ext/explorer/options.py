@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,7 +21,6 @@ def _silent(_: Served) -> None:
     pass
 
 
-@dataclass(frozen=True, kw_only=True)
 class Serve(Threaded):
     """Show all cases in the browser: a map of them, each to watch and to compare; Ctrl-C ends it."""
 

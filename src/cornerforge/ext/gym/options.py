@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Annotated
 
 from cornerforge._options import Option, Options, Threaded
@@ -16,14 +16,12 @@ else:  # classes are told by their names
 __all__ = ["Adversary", "AdversaryVector", "Driving", "DrivingVector"]
 
 
-@dataclass(frozen=True, kw_only=True)
 class _Shown(Options):
     """How an environment is shown."""
 
     render_mode: Annotated[str | None, Option('None or "rgb_array".')] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class Adversary(AdversaryEnvOptions, _Shown):
     """Options of `AdversaryEnv`."""
 
@@ -31,7 +29,6 @@ class Adversary(AdversaryEnvOptions, _Shown):
     delay: Annotated[float, Option("For `avoidable`: the AV's time to react.", low=0.0, high=10.0, unit="s")] = 1.0
 
 
-@dataclass(frozen=True, kw_only=True)
 class Driving(DrivingEnvOptions, _Shown):
     """Options of `DrivingEnv`."""
 
@@ -42,7 +39,6 @@ class Driving(DrivingEnvOptions, _Shown):
     ] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class _Many(Threaded):
     """Many worlds."""
 
@@ -53,11 +49,9 @@ class _Many(Threaded):
     ] = "NextStep"
 
 
-@dataclass(frozen=True, kw_only=True)
 class AdversaryVector(Adversary, _Many):
     """Options of `AdversaryVectorEnv`."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class DrivingVector(Driving, _Many):
     """Options of `DrivingVectorEnv`."""

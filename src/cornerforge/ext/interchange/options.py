@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
@@ -21,7 +21,6 @@ _IN_SEAT = Option(
 )  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
 class Export(Resumable, Watched):
     """Write cases for other tools: OpenSCENARIO with OpenDRIVE, CommonRoad, tables, rerun."""
 
@@ -40,7 +39,6 @@ class Export(Resumable, Watched):
     ] = "recorded"  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
 class ImportCases(AvAloneOptions, Seeded, Watched):
     """Read scenarios of other tools as cases, and drive an AV through them."""
 
@@ -59,7 +57,6 @@ class ImportCases(AvAloneOptions, Seeded, Watched):
     ] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class FromData(AvAloneOptions, Seeded, Watched):
     """Make cases of the most critical moments of recorded traffic, and drive an AV through them."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +14,6 @@ __all__ = ["COMMANDS", "Reproduce"]
 _ITEMS = ("table1", "figure2", "figure3", *(f"figure{number}" for number in range(5, 12)), "matrix", "timings")
 
 
-@dataclass(frozen=True, kw_only=True)
 class Reproduce(RoadOptions, Resumable, LongWork):
     """Make the paper's figures and tables again, ours beside theirs, on one page."""
 

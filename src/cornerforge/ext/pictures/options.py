@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +12,6 @@ from cornerforge._options import Command, LongWork, Option
 __all__ = ["COMMANDS", "Figure"]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Figure(LongWork):
     """Draw for a paper: the charts of the page, or a case as a strip of snapshots."""
 

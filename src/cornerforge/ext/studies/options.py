@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
@@ -16,7 +16,6 @@ BUDGETS_NATS = (10.0, 20.0, 40.0, 60.0, 80.0)
 """Likelihood budgets that `plausibility` trains for."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class SuiteBuild(AvAskedOptions, LongWork):
     """Choose the fewest cases that find and rank the flaws of many AVs; checked on AVs left out."""
 
@@ -31,7 +30,6 @@ class SuiteBuild(AvAskedOptions, LongWork):
     ] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class R157(AvOptions, LongWork):
     """Drive an AV through the scenarios of UN Regulation 157, beside the reference drivers."""
 
@@ -45,7 +43,6 @@ class R157(AvOptions, LongWork):
     out: Annotated[Path | str | None, Option("Folder for the page, scenarios.csv and the library of failures.")] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class Variety(WorldOptions, LongWork):
     """Count kinds of crash: in libraries, or as policies make them greedily, at random and mixed."""
 
@@ -59,7 +56,6 @@ class Variety(WorldOptions, LongWork):
     acting: Annotated[str, Option("How to act at random: softmax or softmax:T.")] = "softmax"
 
 
-@dataclass(frozen=True, kw_only=True)
 class PlausibilityStudy(AvOptions, Resumable, LongWork):
     """Plot what an adversary reaches against how plausible it must stay: one training per budget and seed."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
@@ -31,7 +31,6 @@ REACTION = Option(
 )  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
 class Generate(WorldOptions, Resumable, LongWork):
     """Fill a case library with crashes that an adversary makes."""
 
@@ -47,7 +46,6 @@ class Generate(WorldOptions, Resumable, LongWork):
     acting: Annotated[str, ACTING] = "learned"
 
 
-@dataclass(frozen=True, kw_only=True)
 class Analyse(LongWork):
     """Cluster a library's cases; say which could have been avoided, whose fault they were, and which to look at."""
 
@@ -68,7 +66,6 @@ class Analyse(LongWork):
     ] = None  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
 class Shrink(AvProcessOptions, Resumable, Watched):
     """Make cases as small as they get: fewest vehicles, shortest window, most natural actions, the same crash."""
 
@@ -79,7 +76,6 @@ class Shrink(AvProcessOptions, Resumable, Watched):
     ] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class Replay(AvProcessOptions, Watched):
     """Drive a case again from its seed."""
 
@@ -94,7 +90,6 @@ class Replay(AvProcessOptions, Watched):
     ] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class Retest(AvAloneOptions, LongWork):
     """Drive another AV through stored cases, and compare; exit status 1 if it got worse."""
 
@@ -115,7 +110,6 @@ class Retest(AvAloneOptions, LongWork):
     ] = "any"
 
 
-@dataclass(frozen=True, kw_only=True)
 class Query(Options):
     """Ask a library, or an analysis, in SQL (table `cases`, key `case_id`)."""
 
@@ -127,7 +121,6 @@ class Query(Options):
     megabytes: Annotated[int, Option("Most memory that the answer may take.")] = 512
 
 
-@dataclass(frozen=True, kw_only=True)
 class Verify(Watched):
     """Check that files are as they were written; exit status 1 if one is not."""
 
@@ -136,7 +129,6 @@ class Verify(Watched):
     ] = field(kw_only=False)
 
 
-@dataclass(frozen=True, kw_only=True)
 class Migrate(Watched):
     """Write a library, a run or a file of an earlier version anew, with the present columns and checksums."""
 

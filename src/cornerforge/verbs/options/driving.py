@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
@@ -19,7 +19,6 @@ ACTING = Option(
 )
 
 
-@dataclass(frozen=True, kw_only=True)
 class Simulate(WorldOptions, Resumable, LongWork):
     """Drive tests and count crashes; they are stored only with --out."""
 
@@ -37,7 +36,6 @@ class Simulate(WorldOptions, Resumable, LongWork):
     out: Annotated[Path | str | None, Option("Store the crashes in this library.")] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class Rate(AvOptions, Resumable, LongWork):
     """Measure the AV's natural crash rate, without bias; stopped at any moment, it goes on with --resume.
 
@@ -84,12 +82,10 @@ class Rate(AvOptions, Resumable, LongWork):
     ] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class ListAvs(Options):
     """List the built-in AVs."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class CheckAv(AvOptions, LongWork):
     """Try an AV of your own on edge cases and measure its speed; exit status 1 if anything fails."""
 

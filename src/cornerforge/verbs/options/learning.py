@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -18,7 +17,6 @@ REWARD = Option(
 )
 
 
-@dataclass(frozen=True, kw_only=True)
 class _Length(Options):
     """How long a training lasts."""
 
@@ -43,7 +41,6 @@ class _Length(Options):
     ] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class Train(WorldOptions, _Length, LongWork):
     """Train the adversary on an AV.
 
@@ -71,7 +68,6 @@ class Train(WorldOptions, _Length, LongWork):
     ] = False
 
 
-@dataclass(frozen=True, kw_only=True)
 class TrainAv(RoadOptions, _Length, Resumable, LongWork):
     """Train an AV to drive in natural and hostile traffic."""
 

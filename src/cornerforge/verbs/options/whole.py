@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +17,6 @@ STAND_IN = "idm-mobil"
 """The AV that an adversary learns against when there is no time to learn against the AV under test."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class Init(Options):
     """Write a folder to start from: an AV class, a config for `run --config`, and a README."""
 
@@ -26,7 +25,6 @@ class Init(Options):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
 class Run(WorldOptions, Resumable, LongWork):
     """Do the whole job: natural traffic, natural crash rate, training, cases, analyses, report."""
 
@@ -51,7 +49,6 @@ class Run(WorldOptions, Resumable, LongWork):
     reward: Annotated[str, REWARD] = "crash"
 
 
-@dataclass(frozen=True, kw_only=True)
 class MakeReport(LongWork):
     """Make the page of a run, of a natural rate or of any library, whichever AV made it."""
 
