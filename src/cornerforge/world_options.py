@@ -10,7 +10,8 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cornerforge._options import Option, Options
+from cornerforge._options import Options
+from cornerforge._schema import meant
 
 if TYPE_CHECKING:
     from cornerforge.ndd.model import NddModel
@@ -54,10 +55,10 @@ class RoadOptions(_World):
 
     odd: Annotated[
         str,
-        Option("default (4 s lane change), swift (2.5 s), paper (1 s) or mixed (4 s; trucks too).", near=("odd",)),
+        meant("default (4 s lane change), swift (2.5 s), paper (1 s) or mixed (4 s; trucks too).", near=("odd",)),
     ] = "default"
-    lanes: Annotated[int | None, Option("Lanes, 2 to 6; 3 by default.")] = None
-    model: Annotated[Path | str | NddModel | None, Option("Naturalistic model; the shipped one by default.")] = None
+    lanes: Annotated[int | None, meant("Lanes, 2 to 6; 3 by default.")] = None
+    model: Annotated[Path | str | NddModel | None, meant("Naturalistic model; the shipped one by default.")] = None
 
 
 class AvProcessOptions(_World):
@@ -65,16 +66,16 @@ class AvProcessOptions(_World):
 
     av_timeout: Annotated[
         float,
-        Option(
+        meant(
             "Seconds that an AV which is not built in may take for the answer in one world.",
             low=0.01, high=3600.0, unit="s",
         ),
     ] = 5.0  # fmt: skip
     av_python: Annotated[
-        str | None, Option("Python in which such an AV runs, such as env/bin/python; it needs NumPy only.")
+        str | None, meant("Python in which such an AV runs, such as env/bin/python; it needs NumPy only.")
     ] = None
     av_memory: Annotated[
-        float | None, Option("GB that a process of such an AV may take; half of the machine's by default.", unit="GB")
+        float | None, meant("GB that a process of such an AV may take; half of the machine's by default.", unit="GB")
     ] = None
 
 
@@ -83,11 +84,11 @@ class AvAskedOptions(AvProcessOptions):
 
     av_batch: Annotated[
         int | None,
-        Option("Worlds that such an AV is asked about together; chosen by its speed by default.", low=1, high=65_536),
+        meant("Worlds that such an AV is asked about together; chosen by its speed by default.", low=1, high=65_536),
     ] = None
     av_processes: Annotated[
         int | None,
-        Option("Processes of such an AV at the same time; as many as threads by default.", low=1, high=1024),
+        meant("Processes of such an AV at the same time; as many as threads by default.", low=1, high=1024),
     ] = None
 
 
@@ -96,7 +97,7 @@ class _Av(_World):
 
     av: Annotated[
         str,
-        Option(
+        meant(
             "AV under test: a name (`cornerforge avs` lists them), module:Class, file.py:Class, "
             '"cmd: ./program", or an .onnx or SB3 .zip file.',
             near=("av",),
@@ -115,7 +116,7 @@ class AvOptions(_Av, RoadOptions, AvAskedOptions):
 class _Mask(_World):
     """The mask of an adversary."""
 
-    bounded: Annotated[bool, Option("Only actions that the naturalistic model calls possible.")] = False
+    bounded: Annotated[bool, meant("Only actions that the naturalistic model calls possible.")] = False
 
 
 class _Budget(_Mask):
@@ -123,7 +124,7 @@ class _Budget(_Mask):
 
     budget: Annotated[
         float | None,
-        Option(
+        meant(
             "Likelihood budget of a test in nats, such as 5: how far the actions may fall short of the likeliest "
             "ones. Implies --bounded.",
             unit="nats",

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
 import typer
+from msgspec import Meta
 
-from cornerforge._arguments import allowed_types
-from cornerforge._options import Command, Option, is_required, options_of
+from cornerforge._options import Command, is_required, options_of
+from cornerforge._schema import allowed_types, shown_of
 from cornerforge.cli.config import read_config
 from cornerforge.cli.output import EXIT_GATE, Bars, run_command
 from cornerforge.cli.program import command_class, epilog, group_of
@@ -88,24 +89,25 @@ def _type_of(hint: Any) -> Any:
     return first if get_origin(first) is None else list[allowed_types(get_args(first)[0])[0]]  # type: ignore[misc]
 
 
-def _own_parameter(one: Field[Any], hint: Any, option: Option) -> inspect.Parameter:
+def _own_parameter(one: Field[Any], hint: Any, said: Meta) -> inspect.Parameter:
     """Make an option of a verb a parameter that Typer makes an option or an argument of."""
-    kind = _type_of(hint)
+    kind, option = _type_of(hint), shown_of(said)
     is_list, required = get_origin(kind) is list, is_required(one)
     default = inspect.Parameter.empty if required else None if is_list else one.default
-    shown_default: Any = option.default or not (required or default is None)
-    metavar, name = option.metavar or None, option.name or f"--{one.name.replace('_', '-')}"
-    text = option.help
-    if option.low is not None and option.high is not None and option.high < 1e9:
-        text = f"{text.rstrip('.')}; {option.low:g} to {option.high:g}."
+    shown_default: Any = option.get("default") or not (required or default is None)
+    metavar, names = option.get("metavar"), [option.get("name", f"--{one.name.replace('_', '-')}")]
+    names += [option["also"]] if "also" in option else []
+    text = said.description or ""
+    if said.ge is not None and said.le is not None and said.le < 1e9:
+        text = f"{text.rstrip('.')}; {said.ge:g} to {said.le:g}."
     if not one.kw_only:
         shown = typer.Argument(metavar=metavar, help=text, show_default=shown_default)
     elif kind is bool:
-        shown = _flag(name, text)
+        shown = _flag(names[0], text)
     else:
         shown = typer.Option(
-            name, *filter(None, [option.also]), metavar=metavar, help=text, show_default=shown_default,
-            autocompletion=_completing(option.choices or option.near),
+            *names, metavar=metavar, help=text, show_default=shown_default,
+            autocompletion=_completing(option.get("choices") or option.get("near", ())),
         )  # fmt: skip
     return _parameter(one.name, kind if required or not (is_list or default is None) else kind | None, shown, default)
 
@@ -118,8 +120,8 @@ def _found(place: str) -> Any:
 
 def add_command(told: Command) -> None:
     """Make a command of what is told of it."""
-    shown = [(one, hint, option) for one, hint, option in options_of(told.options) if not option.hidden]
-    own = {one.name: _own_parameter(one, hint, option) for one, hint, option in shown}
+    shown = [option for option in options_of(told.options) if not shown_of(option[2]).get("hidden")]
+    own = {option[0].name: _own_parameter(*option) for option in shown}
     general = {
         name: _parameter(name, *made)
         for name, made in _GENERAL.items()
@@ -150,6 +152,6 @@ def add_command(told: Command) -> None:
     command.__name__, command.__doc__ = name, inspect.cleandoc(told.options.__doc__ or "")
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     command.__annotations__ = {one.name: one.annotation for one in parameters}  # Typer reads both
-    many = tuple(option.name or f"--{one.name}" for one, _, option in shown if option.many)
+    many = tuple(shown_of(said).get("name", f"--{one.name}") for one, _, said in shown if "many" in shown_of(said))
     group, _, word = (told.name or name.replace("_", "-")).rpartition(" ")
     group_of(group).command(word, cls=command_class(many), epilog=epilog(told.examples))(command)
