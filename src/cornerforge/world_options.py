@@ -75,7 +75,12 @@ class AvProcessOptions(_World):
         str | None, meant("Python in which such an AV runs, such as env/bin/python; it needs NumPy only.")
     ] = None
     av_memory: Annotated[
-        float | None, meant("GB that a process of such an AV may take; half of the machine's by default.", unit="GB")
+        float | None,
+        meant(
+            "GB that a process of such an AV may take; half of the machine's by default.",
+            unit="GB",
+            more="0.25 to 1e6.",
+        ),
     ] = None
 
 
@@ -116,7 +121,9 @@ class AvOptions(_Av, RoadOptions, AvAskedOptions):
 class _Mask(_World):
     """The mask of an adversary."""
 
-    bounded: Annotated[bool, meant("Only actions that the naturalistic model calls possible.")] = False
+    bounded: Annotated[
+        bool, meant("Only actions that the naturalistic model calls possible.", more="A policy brings its own answer.")
+    ] = False
 
 
 class _Budget(_Mask):
@@ -128,6 +135,7 @@ class _Budget(_Mask):
             "Likelihood budget of a test in nats, such as 5: how far the actions may fall short of the likeliest "
             "ones. Implies --bounded.",
             unit="nats",
+            more="0 or more; it overrides a policy's own. None: no limit, or the policy's own.",
         ),
     ] = None
 
@@ -141,26 +149,7 @@ class AdversaryEnvOptions(_Av, DrivingEnvOptions, AvProcessOptions):
 
 
 class WorldOptions(_Av, RoadOptions, _Budget, AvAskedOptions):
-    """The world of a test, with an adversary; `experiment.setting.experiment` checks names and files.
-
-    Attributes:
-        av: The AV under test: a built-in name, a file that `train-av` made, or an AV from outside: `module:Class`,
-            `path/to/file.py:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file, or `cmd: PROGRAM ARGUMENTS`.
-        odd: "default", "swift", "paper" or "mixed".
-        lanes: 2 to 6; None for the ODD's own.
-        model: Naturalistic model, or its file; None for the one that ships with the package.
-        bounded: Keep the adversary to actions that the naturalistic model calls possible; a policy brings its own
-            answer.
-        budget: Likelihood budget of a test [nats], 0 or more: the largest amount by which the log-probability of the
-            adversary's actions, summed over the test, may fall short of the likeliest actions'. It implies `bounded`
-            and overrides a policy's own budget. None: no limit, or the policy's own.
-        av_timeout: Longest time that an AV from outside may take for the answer in one world [s], 0.01 to 3600.
-        av_batch: Worlds that an AV from outside is asked about together, 1 to 65,536; None: as its speed advises.
-        av_processes: Processes of an AV from outside that drive at the same time, 1 to 1024; None: as many as threads.
-        av_python: Python interpreter in which such an AV runs; None: the one of cornerforge.
-        av_memory: Memory that each process of such an AV may take with all that it starts [GB], 0.25 to 1e6; None: half
-            of the machine's.
-    """
+    """The world of a test, with an adversary; `experiment.setting.experiment` checks names and files."""
 
     def without_mask(self) -> WorldOptions:
         """Copy the world without `bounded` and `budget`: for a policy, which brings its own."""

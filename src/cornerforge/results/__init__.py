@@ -1,8 +1,9 @@
-"""Results of verbs: frozen dataclasses whose fields say their unit and meaning, and are the keys of `--json`.
+"""Results of verbs: classes of declared fields (`_schema.Declared`) that say unit and meaning, the keys of `--json`.
 
 A field's name is its key, and the order of fields is that of the keys; a class that is made of others has the fields of
 the last of its bases first. `as_json` makes from them what `--json` prints; docs/results-json.md is made of them, too.
-The package gives what verbs return; the modules hold the parts of it.
+The package gives what verbs return; the modules hold the parts of it, and all their names without an underscore are
+for others.
 """
 
 from __future__ import annotations

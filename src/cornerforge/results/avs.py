@@ -6,8 +6,6 @@ from typing import Annotated
 
 from cornerforge._schema import Declared, Whole, meant
 
-__all__ = ["AvAbout", "AvCheck", "AvChecked", "AvDoes", "AvSpeed", "Avs"]
-
 
 class AvAbout(Declared):
     """A built-in AV."""

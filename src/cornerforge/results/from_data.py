@@ -6,8 +6,6 @@ from typing import Annotated
 
 from cornerforge._schema import Declared, Whole, meant
 
-__all__ = ["CasesFromData", "DataFileRead", "MomentOfData"]
-
 
 class DataFileRead(Declared):
     """A trajectory file, and what became of its rows."""

@@ -6,8 +6,6 @@ from typing import Annotated
 
 from cornerforge._schema import Declared, Share, Whole, meant
 
-__all__ = ["INTERVAL95", "PER_TEST", "TESTS", "Interval", "Rate", "Yield"]
-
 Interval = tuple[float, float]
 """Low and high of a 95 % interval."""
 

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 else:  # the option is checked to be a function, whatever it takes
     Served = object
 
-__all__ = ["COMMANDS", "Serve"]
-
 
 def _silent(_: Served) -> None:
     pass

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 else:  # classes are told by their names
     AutoresetMode = type("AutoresetMode", (), {})
 
-__all__ = ["Adversary", "AdversaryVector", "Driving", "DrivingVector"]
-
 
 class _Shown(Options):
     """How an environment is shown."""
