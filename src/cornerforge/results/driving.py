@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from cornerforge._schema import Declared, Share, Whole, meant
+from cornerforge._schema import Declared, Whole, meant
 from cornerforge.results.analysis import CrashType
-from cornerforge.results.rates import INTERVAL95, PER_TEST, TESTS, Interval, Rate
+from cornerforge.results.rates import Counted, Interval, Rate
 
 _AV_CRASHES = meant("Tests that ended in a crash of the AV.")
 _AV_FAULTS = meant("Tests left out, because an AV from outside raised, hung or gave no usable answer; 0 if built in.")
@@ -68,15 +68,17 @@ class Simulated(Rate):
     library: Annotated[str | None, meant("Folder of the library; with `--out`.")] = None
 
 
-class Filled(Declared):
-    """A case library, and how often the tests that were driven for it ended in a crash."""
+class CasesMade(Counted):
+    """Cases of a library, and how often the tests that were driven for it ended in a crash."""
 
     cases: Annotated[Whole, meant("Cases in the library.")]
-    tests: Annotated[Whole, TESTS]
     av_crashes: Annotated[Whole, _AV_CRASHES]
+
+
+class Filled(CasesMade):
+    """A case library, and how often the tests that were driven for it ended in a crash."""
+
     av_faults: Annotated[Whole, _AV_FAULTS]
-    crashes_per_test: Annotated[Share, PER_TEST]
-    interval95: Annotated[Interval, INTERVAL95]
     seconds: Annotated[float, _SECONDS]
     library: Annotated[str, _LIBRARY]
 
@@ -258,3 +260,8 @@ class NaturalRate(Rate, _RatedAv):
             "was a crash. Missing: `interval95` is of sampling alone."
         ),
     ] = None
+
+    @property
+    def digits(self) -> int:
+        """Number of significant digits to show; of trees and weighted tests two."""
+        return super().digits if self.method == "mc" else 2
