@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 from cornerforge._schema import Declared, Whole, meant
+from cornerforge.results.imported import CasesBrought
 
 
 class DataFileRead(Declared):
@@ -48,7 +49,7 @@ class MomentOfData(Declared):
     case_id: Annotated[str | None, meant("Its case id in the library; null: no crash.")]
 
 
-class CasesFromData(Declared):
+class CasesFromData(CasesBrought):
     """Critical moments of recorded traffic as cases."""
 
     files: Annotated[tuple[DataFileRead, ...], meant("The trajectory files.")]
@@ -58,15 +59,7 @@ class CasesFromData(Declared):
         dict[str, Whole], meant("Events as critical as those that became cases, but left out, by reason.")
     ]
     cases: Annotated[tuple[MomentOfData, ...], meant("The cases, the most critical first.")]
-    av: Annotated[str, meant('The AV in the ego\'s seat; "recorded": the recorded driver.')]
-    crashes: Annotated[Whole, meant("Cases in which the AV crashes.")]
     strikers: Annotated[
         dict[str, Whole],
-        meant("These by who struck: av, bv or mutual. What bv struck, a real driver might have braked for."),
+        meant("Crashes by who struck: av, bv or mutual. What bv struck, a real driver might have braked for."),
     ]
-    libraries: Annotated[
-        tuple[str, ...],
-        meant("Libraries of the cases in which the AV crashes: one for each road; empty: it crashes in none."),
-    ]
-    out: Annotated[str, meant("Folder of case files and libraries.")]
-    seconds: Annotated[float, meant("Wall-clock.", "s")]

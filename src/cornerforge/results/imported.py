@@ -35,13 +35,18 @@ class Refused(Declared):
     why: Annotated[str, meant("What is wrong with it.")]
 
 
-class ImportedCases(Declared):
+class CasesBrought(Declared):
+    """What became of the AV in cases that were brought from elsewhere."""
+
+    av: Annotated[str, meant('The AV that drove; "recorded": whatever was in its seat.')]
+    crashes: Annotated[Whole, meant("Cases that end in a crash of the AV.")]
+    libraries: Annotated[tuple[str, ...], meant("Libraries of these: one for each road; empty: there are none.")]
+    out: Annotated[str, meant("Folder of case files and libraries.")]
+    seconds: Annotated[float, meant("Wall-clock.", "s")]
+
+
+class ImportedCases(CasesBrought):
     """Scenarios of other tools as cases."""
 
     cases: Annotated[tuple[ImportedCase, ...], meant("The cases, in the order of the files.")]
     refused: Annotated[tuple[Refused, ...], meant("Files that could not be read.")]
-    av: Annotated[str, meant('The AV that drove; "recorded": whatever was in its seat.')]
-    crashes: Annotated[Whole, meant("Cases that end in a crash of the AV.")]
-    libraries: Annotated[tuple[str, ...], meant("Libraries of these: one for each road.")]
-    out: Annotated[str, meant("Folder of everything.")]
-    seconds: Annotated[float, meant("Wall-clock.", "s")]

@@ -79,7 +79,7 @@ class TrainAv(RoadOptions, _Length, Resumable, LongWork):
 
 COMMANDS = (
     Command(
-        Train, "verbs.train:train", "verbs.sentences.learning:train_text",
+        Train, "verbs.train:train", "verbs.sentences.driving:train_text",
         (
             "cornerforge train --av rl --decisions 1000000 --out out/rl.safetensors",
             "cornerforge train --budget 20 --out out/likely.safetensors",
@@ -87,7 +87,7 @@ COMMANDS = (
         stages=True,
     ),
     Command(
-        TrainAv, "verbs.train_av:train_av", "verbs.sentences.learning:train_av_text",
+        TrainAv, "verbs.train_av:train_av", "verbs.sentences.driving:train_av_text",
         ("cornerforge train-av --decisions 1000000 --out out/av.safetensors",),
     ),
 )  # fmt: skip
