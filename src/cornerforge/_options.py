@@ -19,7 +19,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Iterator
-from dataclasses import MISSING, Field, dataclass, fields
+from dataclasses import Field, dataclass, fields
 from typing import Annotated, Any, Concatenate, ParamSpec, TypeVar, get_args
 
 from msgspec import Meta
@@ -29,7 +29,7 @@ from cornerforge._schema import Declared, check_value, hints_of, meant, shown_of
 from cornerforge.execution.progress import NO_PROGRESS, Progress
 
 __all__ = [
-    "Command", "LongWork", "Options", "Resumable", "Seeded", "Threaded", "Watched", "is_required", "made_of",
+    "Command", "LongWork", "Options", "Resumable", "Seeded", "Threaded", "Watched", "made_of",
     "options_of", "verb",
 ]  # fmt: skip
 
@@ -92,11 +92,6 @@ def options_of(options: type[Options]) -> Iterator[tuple[Field[Any], Any, Meta]]
         for name in inspect.get_annotations(kind):
             if name in known:
                 yield known.pop(name), *get_args(hints[name])
-
-
-def is_required(one: Field[Any]) -> bool:
-    """Tell whether an option has no default."""
-    return one.default is MISSING and one.default_factory is MISSING
 
 
 def _in_words(said: Meta) -> str:

@@ -5,25 +5,20 @@ from __future__ import annotations
 import importlib
 import inspect
 from collections.abc import Callable, Iterable
-from dataclasses import Field, fields
+from dataclasses import MISSING, Field, fields
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
 import typer
 from msgspec import Meta
 
-from cornerforge._options import Command, is_required, options_of
-from cornerforge._schema import allowed_types, shown_of
+from cornerforge._options import Command, Options, options_of
+from cornerforge._schema import allowed_types, meant, shown_of
 from cornerforge.cli.config import read_config
 from cornerforge.cli.output import EXIT_GATE, Bars, run_command
 from cornerforge.cli.program import command_class, epilog, group_of
 
 __all__ = ["add_command"]
-
-
-def _flag(name: str, text: str) -> Any:
-    """An option without a value; help would else show one for it."""
-    return typer.Option(name, help=text, metavar="")
 
 
 def _completing(words: tuple[str, ...]) -> Callable[[str], list[str]] | None:
@@ -37,45 +32,30 @@ def _completing(words: tuple[str, ...]) -> Callable[[str], list[str]] | None:
     return complete if words else None
 
 
-_GENERAL = {
-    "config": (
+class _General(Options):
+    """Options that commands have besides those of their verbs."""
+
+    config: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE", is_eager=True, callback=read_config, show_default=False,
-            help="TOML file with these options by their long names (lanes = 4). An option on the command line wins, "
-            "also --no-NAME for a flag NAME = true. Paths in the file, and a module of its av, are looked for from its "
+        meant(
+            "TOML file with these options by their long names (lanes = 4). An option on the command line wins, also "
+            "--no-NAME for a flag NAME = true. Paths in the file, and a module of its av, are looked for from its "
             "folder.",
+            metavar="FILE",
         ),
-        None,
-    ),
-    "engine": (
+    ] = None
+    engine: Annotated[
         str,
-        typer.Option(
-            help="Where it is computed: threads of this machine, or ray, a cluster. Does not change results.",
-            autocompletion=_completing(("threads", "ray")),
+        meant(
+            "Where it is computed: threads of this machine, or ray, a cluster. Does not change results.",
+            near=("threads", "ray"),
         ),
-        "threads",
-    ),
-    "address": (
-        str | None,
-        typer.Option(help="Of a Ray cluster, HOST:PORT or auto; without it one is started here.", show_default=False),
-        None,
-    ),
-    "out": (
-        Path | None,
-        typer.Option("--out", help="New file for the object that --json prints.", show_default=False),
-        None,
-    ),
-    "quiet": (bool, _flag("--quiet", "No text and no progress bars."), False),
-    "as_json": (bool, _flag("--json", "Print exactly one JSON object on standard output."), False),
-    "debug": (bool, _flag("--debug", "Show the traceback of an error."), False),
-}  # fmt: skip
-"""Options that commands have besides those of their verbs: type, how it is shown, default."""
-
-
-def _parameter(name: str, kind: Any, shown: Any, default: Any) -> inspect.Parameter:
-    annotated: Any = Annotated  # made here, not written down, so mypy must not read it as a type
-    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotated[kind, shown])
+    ] = "threads"
+    address: Annotated[str | None, meant("Of a Ray cluster, HOST:PORT or auto; without it one is started here.")] = None
+    out: Annotated[Path | None, meant("New file for the object that --json prints.")] = None
+    quiet: Annotated[bool, meant("No text and no progress bars.")] = False
+    as_json: Annotated[bool, meant("Print exactly one JSON object on standard output.", name="--json")] = False
+    debug: Annotated[bool, meant("Show the traceback of an error.")] = False
 
 
 def _type_of(hint: Any) -> Any:
@@ -89,10 +69,10 @@ def _type_of(hint: Any) -> Any:
     return first if get_origin(first) is None else list[allowed_types(get_args(first)[0])[0]]  # type: ignore[misc]
 
 
-def _own_parameter(one: Field[Any], hint: Any, said: Meta) -> inspect.Parameter:
-    """Make an option of a verb a parameter that Typer makes an option or an argument of."""
+def _parameter(one: Field[Any], hint: Any, said: Meta) -> inspect.Parameter:
+    """Make an option a parameter that Typer makes an option or an argument of."""
     kind, option = _type_of(hint), shown_of(said)
-    is_list, required = get_origin(kind) is list, is_required(one)
+    is_list, required = get_origin(kind) is list, one.default is MISSING
     default = inspect.Parameter.empty if required else None if is_list else one.default
     shown_default: Any = option.get("default") or not (required or default is None)
     metavar, names = option.get("metavar"), [option.get("name", f"--{one.name.replace('_', '-')}")]
@@ -103,13 +83,16 @@ def _own_parameter(one: Field[Any], hint: Any, said: Meta) -> inspect.Parameter:
     if not one.kw_only:
         shown = typer.Argument(metavar=metavar, help=text, show_default=shown_default)
     elif kind is bool:
-        shown = _flag(names[0], text)
+        shown = typer.Option(names[0], help=text, metavar="")  # help would else show a value for it
     else:
+        early = {"is_eager": True, "callback": read_config} if one.name == "config" else {}
         shown = typer.Option(
             *names, metavar=metavar, help=text, show_default=shown_default,
-            autocompletion=_completing(option.get("choices") or option.get("near", ())),
+            autocompletion=_completing(option.get("choices") or option.get("near", ())), **early,
         )  # fmt: skip
-    return _parameter(one.name, kind if required or not (is_list or default is None) else kind | None, shown, default)
+    annotated: Any = Annotated  # made here, not written down, so mypy must not read it as a type
+    annotation = annotated[kind if required or not (is_list or default is None) else kind | None, shown]
+    return inspect.Parameter(one.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
 def _found(place: str) -> Any:
@@ -121,12 +104,9 @@ def _found(place: str) -> Any:
 def add_command(told: Command) -> None:
     """Make a command of what is told of it."""
     shown = [option for option in options_of(told.options) if not shown_of(option[2]).get("hidden")]
-    own = {option[0].name: _own_parameter(*option) for option in shown}
-    general = {
-        name: _parameter(name, *made)
-        for name, made in _GENERAL.items()
-        if name not in own and (told.spreads or name not in ("engine", "address"))
-    }
+    own = {option[0].name: _parameter(*option) for option in shown}
+    leave = {*own} if told.spreads else {*own, "engine", "address"}
+    general = [_parameter(*option) for option in options_of(_General) if option[0].name not in leave]
     watched = any(one.name == "progress" for one in fields(told.options))
 
     def command(**given: Any) -> None:
@@ -147,7 +127,7 @@ def add_command(told: Command) -> None:
                 typer.echo(failure, err=True)
             raise typer.Exit(EXIT_GATE)
 
-    parameters = [*own.values(), *general.values()]
+    parameters = [*own.values(), *general]
     name = told.verb.partition(":")[2]
     command.__name__, command.__doc__ = name, inspect.cleandoc(told.options.__doc__ or "")
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
