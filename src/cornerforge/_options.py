@@ -20,7 +20,7 @@ import functools
 import inspect
 from collections.abc import Callable, Iterator
 from dataclasses import Field, dataclass, fields
-from typing import Annotated, Any, Concatenate, ParamSpec, TypeVar, get_args
+from typing import Annotated, Any, Concatenate, ParamSpec, TypeVar, cast, get_args
 
 from msgspec import Meta
 
@@ -87,7 +87,7 @@ class Resumable(Options):
 def options_of(options: type[Options]) -> Iterator[tuple[Field[Any], Any, Meta]]:
     """Give each option of a class: its field, its type, and its meaning; the class's own options first."""
     known = {one.name: one for one in fields(options)}
-    hints = hints_of(options)
+    hints = hints_of(cast("Any", options))
     for kind in options.__mro__:
         for name in inspect.get_annotations(kind):
             if name in known:

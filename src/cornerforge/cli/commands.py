@@ -85,10 +85,11 @@ def _parameter(one: Field[Any], hint: Any, said: Meta) -> inspect.Parameter:
     elif kind is bool:
         shown = typer.Option(names[0], help=text, metavar="")  # help would else show a value for it
     else:
-        early = {"is_eager": True, "callback": read_config} if one.name == "config" else {}
+        first = one.name == "config"
         shown = typer.Option(
             *names, metavar=metavar, help=text, show_default=shown_default,
-            autocompletion=_completing(option.get("choices") or option.get("near", ())), **early,
+            autocompletion=_completing(option.get("choices") or option.get("near", ())),
+            is_eager=first, callback=read_config if first else None,
         )  # fmt: skip
     annotated: Any = Annotated  # made here, not written down, so mypy must not read it as a type
     annotation = annotated[kind if required or not (is_list or default is None) else kind | None, shown]

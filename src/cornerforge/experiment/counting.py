@@ -21,7 +21,6 @@ __all__ = [
     "CHUNK", "distributions_of", "drive_tests", "rate_of", "rate_summary", "simulate_experiment", "tally_summary",
 ]  # fmt: skip
 
-
 CHUNK = 512
 """Tests in a range that one thread drives, unless the AV is slow."""
 

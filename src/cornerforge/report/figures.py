@@ -132,8 +132,8 @@ def training_figure(training: TrainingCurve, natural: Counted) -> Figure:
     """Yield and exploration, and below them the loss, over the decisions that the adversary has seen."""
     known = [point for point in training.points if point.crashes_per_test is not None and point.tests]
     x = [float(point.decisions) for point in known]
-    share = [point.crashes_per_test or 0.0 for point in known]
-    ends = [binomial_interval(round(one * point.tests), point.tests) for one, point in zip(share, known, strict=True)]
+    share = [point.crashes_per_test for point in known]
+    ends = [binomial_interval(round((point.crashes_per_test or 0.0) * point.tests), point.tests) for point in known]
     decisions = [float(point.decisions) for point in training.points]
     loss = [point.loss for point in training.points]
     traces: list[dict[str, Any]] = [
