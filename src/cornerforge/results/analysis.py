@@ -7,6 +7,28 @@ from typing import Annotated, Literal, get_args
 from cornerforge._schema import Declared, Share, Whole, meant
 from cornerforge.results.rates import Interval
 
+__all__ = [
+    "FAULTS",
+    "PARTS",
+    "Analysed",
+    "AtFault",
+    "Avoidability",
+    "Cluster",
+    "ClusterChoice",
+    "Coverage",
+    "CrashType",
+    "FlawShown",
+    "Judges",
+    "Natural",
+    "NaturalKind",
+    "OwnDoing",
+    "Prevented",
+    "PreventedShare",
+    "ShareAtReaction",
+    "TopCase",
+    "ValueFound",
+]
+
 AtFault = Literal["av", "bv", "both", "none"]
 FAULTS: tuple[AtFault, ...] = get_args(AtFault)
 """Which vehicles broke a rule of RSS."""

@@ -6,6 +6,8 @@ from typing import Annotated
 
 from cornerforge._schema import Declared, Whole, meant
 
+__all__ = ["AvAbout", "AvCheck", "AvChecked", "AvDoes", "AvSpeed", "Avs"]
+
 
 class AvAbout(Declared):
     """A built-in AV."""

@@ -8,6 +8,22 @@ from cornerforge._schema import Declared, Whole, meant
 from cornerforge.results.learning import AV_FAULTS, BOUNDED, BUDGET, POLICY_HASH
 from cornerforge.results.rates import Interval, Yield
 
+__all__ = [
+    "CaseMedians",
+    "CaseSize",
+    "MedianSize",
+    "NaturalPlausibility",
+    "Plausibility",
+    "PlausibilityRow",
+    "PlausibilityRun",
+    "Queried",
+    "Replayed",
+    "ShrunkCase",
+    "ShrunkLibrary",
+    "Varied",
+    "VarietyRow",
+]
+
 
 class Replayed(Declared):
     """A case, or all cases, driven again."""

@@ -8,6 +8,21 @@ from cornerforge._schema import Declared, Whole, meant
 from cornerforge.results.analysis import CrashType
 from cornerforge.results.rates import Counted, Interval, Rate
 
+__all__ = [
+    "BvMilesEstimate",
+    "CasesMade",
+    "Cost",
+    "CrashCircumstances",
+    "Distributions",
+    "Effort",
+    "Filled",
+    "KindRate",
+    "ModelUncertainty",
+    "NaturalRate",
+    "Quantity",
+    "Simulated",
+]
+
 _AV_CRASHES = meant("Tests that ended in a crash of the AV.")
 _AV_FAULTS = meant("Tests left out, because an AV from outside raised, hung or gave no usable answer; 0 if built in.")
 _BV_CRASHES = meant("Crashes between two BVs; they are taken off the road, and the test goes on.")

@@ -7,6 +7,8 @@ from typing import Annotated
 from cornerforge._schema import Declared, Whole, meant
 from cornerforge.results.imported import CasesBrought
 
+__all__ = ["CasesFromData", "DataFileRead", "MomentOfData"]
+
 
 class DataFileRead(Declared):
     """A trajectory file, and what became of its rows."""

@@ -6,6 +6,8 @@ from typing import Annotated
 
 from cornerforge._schema import Declared, Whole, meant
 
+__all__ = ["CasesBrought", "ImportedCase", "ImportedCases", "Refused"]
+
 
 class ImportedCase(Declared):
     """A file of another tool, the case made of it, and what became of the AV in it."""

@@ -7,6 +7,8 @@ from typing import Annotated, Any
 from cornerforge._schema import Declared, Share, Whole, meant
 from cornerforge.results.rates import Rate, Yield
 
+__all__ = ["Baseline", "Learned", "LearnedPolicy", "Trained", "TrainedAv", "TrainingCurve", "TrainingPoint"]
+
 POLICY_HASH = meant("Hash of the policy; what it made bears it.")
 BOUNDED = meant("Only actions that the naturalistic model calls possible.")
 BUDGET = meant("Likelihood budget of a test; null: none.", "nats")

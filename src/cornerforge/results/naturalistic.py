@@ -7,6 +7,29 @@ from typing import Annotated
 from cornerforge._schema import Declared, Whole, meant
 from cornerforge.results.rates import Interval
 
+__all__ = [
+    "BadRows",
+    "FitTraffic",
+    "FitVariant",
+    "FittedLaneChanges",
+    "FittedLaneNumber",
+    "FittedPart",
+    "HeldOutScore",
+    "NddFitted",
+    "NddImported",
+    "NddShown",
+    "PublishedFree",
+    "ShownCounts",
+    "ShownFollowing",
+    "ShownFreeFlow",
+    "ShownInitial",
+    "ShownLaneChanges",
+    "ShownOrigin",
+    "ShownQuantiles",
+    "ShownSpeeds",
+    "ShownSupport",
+]
+
 _MODEL_HASH = meant("Hash of everything in the model that decides how vehicles drive.")
 _NOTES = meant("What a reader must know, one sentence each.")
 _OUT = meant("File of the model.")

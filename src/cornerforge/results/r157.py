@@ -6,6 +6,8 @@ from typing import Annotated
 
 from cornerforge._schema import Declared, Share, Whole, meant
 
+__all__ = ["Regulated", "RegulatedFamily", "RegulatedPair", "RegulatedRoads"]
+
 _NO_INTERVAL = "A grid is no sample, so there is no interval."
 
 

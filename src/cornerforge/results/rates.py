@@ -6,6 +6,8 @@ from typing import Annotated
 
 from cornerforge._schema import Declared, Share, Whole, meant
 
+__all__ = ["Counted", "Interval", "Rate", "Yield"]
+
 Interval = tuple[float, float]
 """Low and high of a 95 % interval."""
 

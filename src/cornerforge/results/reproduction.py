@@ -7,6 +7,8 @@ from typing import Annotated
 from cornerforge._schema import Declared, Whole, meant
 from cornerforge.results.rates import Interval
 
+__all__ = ["PaperItem", "PaperRow", "Reproduced"]
+
 _WHAT = meant("The quantity, in words.")
 _UNIT = meant("Of the numbers.")
 _PAPER = meant("The paper's value; null: its text gives none.", "`unit`")

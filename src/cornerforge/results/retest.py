@@ -7,6 +7,8 @@ from typing import Annotated
 from cornerforge._schema import Declared, Whole, meant
 from cornerforge.results.rates import Interval
 
+__all__ = ["Compared", "Difference", "Retested", "RetestedCase"]
+
 _DIFFERENCE = "Crashes of the AV minus crashes of the baseline; above 0: it crashes more often."
 
 _PICKED = "null: the tests were picked because an AV crashed in them, so another one can hardly do worse."

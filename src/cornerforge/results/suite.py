@@ -7,6 +7,8 @@ from typing import Annotated
 from cornerforge._schema import Declared, Whole, meant
 from cornerforge.results.rates import Interval
 
+__all__ = ["LeftOutAll", "LeftOutAv", "SuiteAv", "SuiteBuilt"]
+
 _PLACE = "Places among all AVs by crashes per case, suite against all cases; equals share their mean place."
 
 

@@ -8,6 +8,24 @@ from cornerforge._schema import Declared, Whole, meant
 from cornerforge.results.driving import Distributions
 from cornerforge.results.rates import Interval
 
+__all__ = [
+    "AcceptedGaps",
+    "BaselineDifference",
+    "Curve",
+    "FactFound",
+    "FreeTraffic",
+    "LaneChangeRate",
+    "NddValidated",
+    "OneStepCell",
+    "PartDistance",
+    "PartLikelihood",
+    "RecordedQuantity",
+    "RecordedTtc",
+    "Theme",
+    "TrafficDistances",
+    "TtcShare",
+]
+
 _DECISIONS = meant("Recorded observations.")
 _VEHICLES = meant("Drivers who made them.")
 _UNIT = meant("Of the quantity.")

@@ -10,6 +10,25 @@ from cornerforge.results.driving import Filled, NaturalRate, Simulated
 from cornerforge.results.learning import BOUNDED, BUDGET, Baseline, LearnedPolicy
 from cornerforge.results.rates import Yield
 
+__all__ = [
+    "DamagedFile",
+    "Exported",
+    "Exposed",
+    "ExposedTo",
+    "Exposure",
+    "ExposureMiles",
+    "Figured",
+    "FiguredOne",
+    "Initialised",
+    "Reported",
+    "RunDone",
+    "RunTrained",
+    "Served",
+    "Spending",
+    "SpentOn",
+    "Verified",
+]  # fmt: skip
+
 
 class RunTrained(Yield, LearnedPolicy):
     """The adversary of a run, measured on tests that no training uses."""

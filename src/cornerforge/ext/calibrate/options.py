@@ -10,6 +10,8 @@ from typing import Annotated
 from cornerforge._options import Command, LongWork, Watched
 from cornerforge._schema import meant
 
+__all__ = ["COMMANDS", "DATA_FORMAT", "NddFit", "NddImport", "NddShow", "NddValidate"]
+
 DATA_FORMAT = meant(
     "ngsim, pairs, tracks, tgsim or highd; told from the columns by default.",
     name="--format", near=("ngsim", "pairs", "tracks", "tgsim", "highd"),

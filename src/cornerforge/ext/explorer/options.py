@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 from cornerforge._options import Command, Threaded
 from cornerforge._schema import meant
 
+__all__ = ["COMMANDS", "Serve"]
+
 if TYPE_CHECKING:
     from cornerforge.results import Served
 else:  # the option is checked to be a function, whatever it takes

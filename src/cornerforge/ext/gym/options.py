@@ -9,6 +9,8 @@ from cornerforge._options import Options, Threaded
 from cornerforge._schema import meant
 from cornerforge.world_options import AdversaryEnvOptions, DrivingEnvOptions
 
+__all__ = ["Adversary", "AdversaryVector", "Driving", "DrivingVector"]
+
 if TYPE_CHECKING:
     from gymnasium.vector import AutoresetMode
 else:  # classes are told by their names

@@ -12,6 +12,8 @@ from cornerforge._schema import meant
 from cornerforge.verbs.options.cases import CASES, LIBRARY
 from cornerforge.world_options import AvAloneOptions
 
+__all__ = ["COMMANDS", "Export", "FromData", "ImportCases"]
+
 _FORMATS = ("openscenario", "commonroad", "csv", "parquet", "rerun", "json")
 _CASES_OUT = meant("Folder for case files and library, new or empty.")
 _IN_SEAT = meant(

@@ -10,6 +10,8 @@ from cornerforge._options import Command, LongWork, Resumable
 from cornerforge._schema import meant
 from cornerforge.world_options import RoadOptions
 
+__all__ = ["COMMANDS", "Reproduce"]
+
 _ITEMS = ("table1", "figure2", "figure3", *(f"figure{number}" for number in range(5, 12)), "matrix", "timings")
 
 

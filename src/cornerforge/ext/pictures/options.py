@@ -10,6 +10,8 @@ from typing import Annotated
 from cornerforge._options import Command, LongWork
 from cornerforge._schema import meant
 
+__all__ = ["COMMANDS", "Figure"]
+
 
 class Figure(LongWork):
     """Draw for a paper: the charts of the page, or a case as a strip of snapshots."""

@@ -11,6 +11,8 @@ from cornerforge._options import Command, LongWork, Resumable
 from cornerforge._schema import meant
 from cornerforge.world_options import AvAskedOptions, AvOptions, WorldOptions
 
+__all__ = ["BUDGETS_NATS", "COMMANDS", "R157", "PlausibilityStudy", "SuiteBuild", "Variety"]
+
 BUDGETS_NATS = (10.0, 20.0, 40.0, 60.0, 80.0)
 """Likelihood budgets that `plausibility` trains for."""
 

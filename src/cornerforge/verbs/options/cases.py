@@ -12,6 +12,11 @@ from cornerforge._schema import meant
 from cornerforge.verbs.options.driving import ACTING
 from cornerforge.world_options import PLAIN_ADVERSARIES, AvAloneOptions, AvProcessOptions, WorldOptions
 
+__all__ = [
+    "CASES", "COMMANDS", "DEFAULT_LOOKS", "LIBRARY", "LOOKS", "REACTION", "Analyse", "Generate", "Migrate", "Query",
+    "Replay", "Retest", "Shrink", "Verify",
+]  # fmt: skip
+
 DEFAULT_LOOKS = 2000
 """Default number of cases drawn for the search for ways out: it takes a few seconds on two cores."""
 LIBRARY = meant("A case library.", metavar="LIB")

@@ -11,6 +11,8 @@ from cornerforge._options import Command, LongWork, Options, Resumable
 from cornerforge._schema import meant
 from cornerforge.world_options import PLAIN_ADVERSARIES, AvOptions, WorldOptions
 
+__all__ = ["ACTING", "COMMANDS", "CheckAv", "ListAvs", "Rate", "Simulate"]
+
 ACTING = meant(
     "How a policy acts: learned (a DQN's greedily, PPO's by its probabilities), greedy, or softmax:T to draw by "
     "exp(Q / T).",

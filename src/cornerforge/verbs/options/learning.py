@@ -9,6 +9,8 @@ from cornerforge._options import Command, LongWork, Options, Resumable
 from cornerforge._schema import meant
 from cornerforge.world_options import LEARNERS, REWARD_NAMES, RoadOptions, WorldOptions
 
+__all__ = ["COMMANDS", "REWARD", "Train", "TrainAv"]
+
 REWARD = meant(
     f"Crashes of the AV that are paid for: {', '.join(REWARD_NAMES)}; crash: all. preventable:DRIVER and "
     "preventable-by-braking:DRIVER name the reference driver, cc-human by default.",

@@ -12,6 +12,8 @@ from cornerforge.verbs.options.cases import DEFAULT_LOOKS, LOOKS, REACTION
 from cornerforge.verbs.options.learning import REWARD
 from cornerforge.world_options import WorldOptions
 
+__all__ = ["COMMANDS", "STAND_IN", "Init", "MakeReport", "Run"]
+
 STAND_IN = "idm-mobil"
 """The AV that an adversary learns against when there is no time to learn against the AV under test."""
 
