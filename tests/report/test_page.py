@@ -30,9 +30,8 @@ from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.library import CaseLibrary, DamagedShardWarning
 from cornerforge.report import page, write_report
 from cornerforge.report.artefacts import Summary
-from cornerforge.report.judged import CaseJudgement, read_case_judgements
+from cornerforge.report.judged import CaseJudgement, _way_in_words, read_case_judgements, verdict
 from cornerforge.report.text import capital, plain, sentence, share
-from cornerforge.report.verdict import _way_in_words, verdict
 from cornerforge.results import RunDone, Simulated, as_json
 from cornerforge.results.analysis import PARTS
 from cornerforge.results.learning import Baseline

@@ -45,7 +45,7 @@ NATURAL_TRAFFIC = "natural traffic"
 
 
 class Summary(Declared):
-    """Part of `RunDone` that the page shows; early files may lack what has a default, and so does a single library."""
+    """Part of `RunDone` that the page shows; a single library lacks what has a default."""
 
     av: str
     version: str = "unknown"

@@ -29,12 +29,12 @@ from cornerforge.report.judged import (
     kind_counts,
     prevented_kinds,
     read_case_judgements,
+    verdict,
 )
 from cornerforge.report.kinds import kind_in_words
 from cornerforge.report.natural_cases import read_natural_cases
 from cornerforge.report.rendering import PLAYER, content_policy, environment, template, write_page
 from cornerforge.report.road import on_road, road_rate
-from cornerforge.report.verdict import verdict
 from cornerforge.results import Analysed
 from cornerforge.results.analysis import PARTS, Natural
 from cornerforge.results.rates import Counted

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from cornerforge.results.avs import AvChecked, Avs
     from cornerforge.results.cases import Plausibility, Queried, Replayed, ShrunkLibrary, Varied
     from cornerforge.results.driving import Filled, NaturalRate, Simulated
-    from cornerforge.results.from_data import CasesFromData
-    from cornerforge.results.imported import ImportedCases
+    from cornerforge.results.imported import CasesFromData, ImportedCases
     from cornerforge.results.learning import Trained, TrainedAv
     from cornerforge.results.naturalistic import NddFitted, NddImported, NddShown
     from cornerforge.results.r157 import Regulated
@@ -77,7 +76,7 @@ __all__ = [
 _PLACES = {
     "analysis": ("Analysed",), "avs": ("AvChecked", "Avs"),
     "cases": ("Plausibility", "Queried", "Replayed", "ShrunkLibrary", "Varied"),
-    "driving": ("Filled", "NaturalRate", "Simulated"), "from_data": ("CasesFromData",), "imported": ("ImportedCases",),
+    "driving": ("Filled", "NaturalRate", "Simulated"), "imported": ("CasesFromData", "ImportedCases"),
     "learning": ("Trained", "TrainedAv"), "naturalistic": ("NddFitted", "NddImported", "NddShown"),
     "r157": ("Regulated",), "reproduction": ("Reproduced",), "retest": ("Retested",),
     "stating": ("as_json", "from_json"), "suite": ("SuiteBuilt",), "validation": ("NddValidated",),
