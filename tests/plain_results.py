@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import MISSING, fields, is_dataclass
-from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
 
 __all__ = ["plain_result"]
 
@@ -27,4 +27,4 @@ def _plainest(kind: Any) -> Any:
         return parts[0]
     if type(None) in parts:
         return None
-    return plain_result(kind) if is_dataclass(kind) else (origin or kind)()
+    return plain_result(cast("Any", kind)) if is_dataclass(kind) else (origin or kind)()
