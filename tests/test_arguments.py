@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,8 +13,9 @@ import pytest
 
 import cornerforge
 from cornerforge import ext, read_case_file
-from cornerforge._options import Option, Options, options_of
+from cornerforge._options import Options, options_of
 from cornerforge._options import verb as as_verb
+from cornerforge._schema import meant
 from cornerforge.errors import InputError
 from cornerforge.verbs.drive_case import DriveCase
 from cornerforge.verbs.options import COMMANDS
@@ -24,23 +25,22 @@ class NddModel:  # the name is enough: the module that has the class need not be
     pass
 
 
-ANY = Option("Anything of its type.")
+ANY = meant("Anything of its type.")
 
 
-@dataclass(frozen=True, kw_only=True)
 class Asked(Options):
     """Do nothing."""
 
     place: Annotated[Path | str, ANY] = field(kw_only=False)
     tests: Annotated[int, ANY] = field(kw_only=False, default=1)
-    share: Annotated[float, Option("A part.", low=0.0, high=2.0, unit="m")] = 0.0
+    share: Annotated[float, meant("A part.", low=0.0, high=2.0, unit="m")] = 0.0
     flag: Annotated[bool, ANY] = False
     names: Annotated[Sequence[str] | str, ANY] = ()
     files: Annotated[Sequence[Path | str], ANY] = ()
     model: Annotated[Path | NddModel | None, ANY] = None
     told: Annotated[Callable[[int], None] | None, ANY] = None
-    lanes: Annotated[int | None, Option("So many.", low=2, high=6)] = None
-    way: Annotated[str, Option("How.", choices=("up", "down"))] = "up"
+    lanes: Annotated[int | None, meant("So many.", low=2, high=6)] = None
+    way: Annotated[str, meant("How.", choices=("up", "down"))] = "up"
 
 
 @as_verb(Asked)

@@ -72,7 +72,7 @@ def test_every_command_has_the_defaults_and_the_help_of_the_options() -> None:
                 continue
             one, option = meant[parameter.name]
             assert parameter.default == one.default, name
-            assert parameter.help.startswith(option.help.rstrip(".")), name
+            assert parameter.help.startswith((option.description or "").rstrip(".")), name
             seen.add((name, parameter.name))
     assert len(seen) > 100
 

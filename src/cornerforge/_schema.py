@@ -1,6 +1,7 @@
-"""Types of what files and results hold, each declared once with its meaning, and the reading of JSON into them.
+"""The language in which options, results and files are declared, and the checks of values against it.
 
-A field is `Annotated[type, meant("What it is.", "m")]`; msgspec checks values against the type.
+A field is `Annotated[type, meant("What it is.", "m")]`. msgspec checks what was read of JSON (`read`); `check_value`
+and `check_fields` check what was made in Python, where a path, a function or a number of NumPy is allowed too.
 """
 
 from __future__ import annotations
@@ -8,17 +9,38 @@ from __future__ import annotations
 import functools
 import json
 import math
+import numbers
+import os
 import re
-from collections.abc import Sequence
-from typing import Annotated, Any, TypeVar, get_type_hints
+import types
+import typing
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import (
+    Annotated,
+    Any,
+    TypedDict,
+    TypeGuard,
+    TypeVar,
+    Unpack,
+    cast,
+    dataclass_transform,
+    get_args,
+    get_origin,
+    get_type_hints,
+)  # fmt: skip
 
 import msgspec
 
-from cornerforge._checks import check_integer, check_number
+from cornerforge._checks import check_in, check_integer, check_number, check_path
 from cornerforge._words import shown
-from cornerforge.errors import FileFormatError
+from cornerforge.errors import FileFormatError, InputError
 
-__all__ = ["Closed", "Hex", "Share", "Whole", "check_fields", "meant", "parse", "read", "unit_of"]
+__all__ = [
+    "Closed", "Declared", "Hex", "Share", "Shown", "Whole", "allowed_types", "check_fields", "check_value", "hints_of",
+    "is_several", "meant", "parse", "read", "shown_of", "unit_of",
+]  # fmt: skip
 
 T = TypeVar("T")
 
@@ -36,24 +58,76 @@ _WORDS = {
 _SHOWN = 60
 
 
+@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(field,))
+@dataclass(frozen=True, kw_only=True)
+class Declared:
+    """Base of classes that are made of declared fields: their subclasses are frozen dataclasses, made by keywords."""
+
+    def __init_subclass__(cls) -> None:
+        """Make a dataclass of a subclass."""
+        super().__init_subclass__()
+        dataclass(frozen=True, kw_only=True)(cls)
+
+
 class Closed(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """An object of a file that holds the declared keys and no others."""
 
 
-def meant(meaning: str, unit: str = "", low: float | None = None, high: float | None = None) -> msgspec.Meta:
+class Shown(TypedDict, total=False):
+    """What is said of an option besides its meaning, its unit and its range.
+
+    Attributes:
+        more: Further sentences for docstrings alone.
+        choices: All values of a text; without it any.
+        near: Words that a shell offers where `choices` are not all; ("av",) and ("odd",) stand for those names.
+        name: Name on the command line, with its dashes; without it the field's name.
+        metavar: What stands for the value in help; without it its type.
+        default: What help says is the default, where the value None does not tell.
+        also: A second name on the command line, with its dashes.
+        many: The words after it on the command line belong to it too, up to the next option.
+        hidden: For Python only, as `progress`.
+    """
+
+    more: str
+    choices: tuple[str, ...]
+    near: tuple[str, ...]
+    name: str
+    metavar: str
+    default: str
+    also: str
+    many: bool
+    hidden: bool
+
+
+def meant(
+    meaning: str, unit: str = "", low: float | None = None, high: float | None = None, **option: Unpack[Shown]
+) -> msgspec.Meta:
     """Say what a field is.
 
     Args:
-        meaning: One sentence, with the edge values.
+        meaning: One sentence, with the edge values; of an option its help, one or two sentences.
         unit: Unit of the values, "" for none.
-        low, high: Smallest and largest number, inclusive; None: any.
+        low, high: Smallest and largest number, inclusive; None: any, or the verb of an option checks it.
+        option: What else is said of an option.
     """
-    return msgspec.Meta(description=meaning, extra_json_schema={"unit": unit} if unit else {}, ge=low, le=high)
+    units = {"unit": unit} if unit else {}
+    return msgspec.Meta(description=meaning, extra_json_schema=units, ge=low, le=high, extra=dict(option))
 
 
 def unit_of(said: msgspec.Meta) -> str:
     """Give the unit that `meant` was told, "" for none."""
     return str((said.extra_json_schema or {}).get("unit", ""))
+
+
+def shown_of(said: msgspec.Meta) -> Shown:
+    """Give what `meant` was told of an option."""
+    return cast("Shown", said.extra or {})
+
+
+@functools.cache
+def hints_of(kind: Any) -> dict[str, Any]:
+    """Give the types of a class's fields with what is meant by them."""
+    return get_type_hints(kind, include_extras=True)
 
 
 def read(kind: type[T], content: Any, place: str, advice: str = "") -> T:
@@ -89,22 +163,93 @@ def check_fields(part: object, prefix: str, *, but: Sequence[str] = ()) -> None:
         InputError: A number is no number, not finite, or out of range.
     """
     kind: Any = type(part)
-    for name, whole, low, high, unit in _ranges(kind):
-        if name not in but and whole:
-            check_integer(prefix + name, getattr(part, name), low=low, high=high)
-        elif name not in but:
-            check_number(prefix + name, getattr(part, name), low=low, high=high, unit=unit)
+    for name, hint in hints_of(kind).items():
+        if name not in but and any(said.le is not None for said in getattr(hint, "__metadata__", ())):
+            check_value(prefix + name, getattr(part, name), hint)
 
 
-@functools.cache
-def _ranges(kind: Any) -> list[tuple[str, bool, Any, Any, str]]:
-    """List the fields that declare a range: name, whether it is a whole number, lowest, highest, unit."""
-    return [
-        (name, declared.__origin__ is int, declared.__origin__(said.ge), declared.__origin__(said.le), unit_of(said))
-        for name, declared in get_type_hints(kind, include_extras=True).items()
-        for said in getattr(declared, "__metadata__", ())
-        if said.le is not None
-    ]
+def check_value(name: str, value: Any, hint: Any) -> None:
+    """Check that a value is of the type that an annotation says, a path one, and each number and name an allowed one.
+
+    Raises:
+        InputError: It is not; the message names the value, and what is allowed.
+    """
+    kinds = allowed_types(hint)
+    if not any(_is_of(kind, value) for kind in kinds):
+        raise InputError(f"{name} = {shown(value)} is not allowed; give {_listed(kinds)}.")
+    each = [one for kind in kinds for one in (allowed_types(get_args(kind)[0]) if get_args(kind) else [kind])]
+    for one in value if is_several(value) else [value]:
+        if Path in each and isinstance(one, (str, os.PathLike)):
+            check_path(one)
+            if one == "":
+                raise InputError(f'{name} = "" names no file or folder.')
+        for said in getattr(hint, "__metadata__", ()) if one is not None else ():
+            if choices := shown_of(said).get("choices"):
+                check_in(name, one, choices)
+            if said.ge is not None and int in each:
+                check_integer(name, one, low=int(said.ge), high=None if said.le is None else int(said.le))
+            elif said.ge is not None:
+                high = math.inf if said.le is None else float(said.le)
+                check_number(name, one, low=float(said.ge), high=high, unit=unit_of(said))
+
+
+def is_several(value: object) -> TypeGuard[Sequence[Any]]:
+    """Tell whether a value is a list, a tuple, an array of values or the like; a text is not.
+
+    >>> is_several([1]), is_several("1"), is_several(1)
+    (True, False, False)
+    """
+    if isinstance(value, Sequence):
+        return not isinstance(value, (str, bytes, bytearray))
+    return getattr(value, "ndim", 0) > 0
+
+
+def allowed_types(hint: Any) -> tuple[Any, ...]:
+    """Give the types that an annotation allows, in its order.
+
+    >>> allowed_types(int | None)
+    (<class 'int'>, <class 'NoneType'>)
+    """
+    if get_origin(hint) is Annotated:
+        return allowed_types(get_args(hint)[0])
+    return get_args(hint) if get_origin(hint) in (types.UnionType, typing.Union) else (hint,)
+
+
+_PYTHON = {
+    int: "a whole number", float: "a number", bool: "True or False", str: "text", Path: "a path", type(None): "None",
+}  # fmt: skip
+
+
+def _type_in_words(kind: Any) -> str:
+    if get_origin(kind) is Sequence:
+        return f"a list (each entry {_listed(allowed_types(get_args(kind)[0]))})"
+    return _PYTHON.get(kind) or ("a function" if _is_function(kind) else kind.__name__)
+
+
+def _listed(kinds: Sequence[Any]) -> str:
+    words = list(dict.fromkeys(map(_type_in_words, kinds)))
+    return " or ".join(words) if len(words) < 3 else f"{', '.join(words[:-1])} or {words[-1]}"
+
+
+def _is_function(kind: Any) -> bool:
+    return get_origin(kind) is Callable or getattr(kind, "_is_protocol", False)
+
+
+def _is_of(kind: Any, value: Any) -> bool:
+    """Tell whether a value is of a type; a class is told by its name, so that it need not be imported."""
+    is_flag = type(value).__name__ in ("bool", "bool_")
+    if get_origin(kind) is Sequence:
+        each = allowed_types(get_args(kind)[0])
+        return is_several(value) and all(any(_is_of(one, entry) for one in each) for entry in value)
+    if _is_function(kind):
+        return callable(value)
+    if kind is bool:
+        return is_flag
+    if kind in (int, float):
+        return isinstance(value, numbers.Integral if kind is int else numbers.Real) and not is_flag
+    if kind is Path:
+        return isinstance(value, os.PathLike)
+    return any(one.__name__ == kind.__name__ for one in type(value).__mro__)
 
 
 def _fault(kind: Any, content: Any, error: str) -> str:

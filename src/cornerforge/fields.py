@@ -90,68 +90,46 @@ class Series:
 
     Attributes:
         name: As in `types.Scenario`.
-        recorded: NumPy type in a recording and in a digest.
         column: The column of `TRACKS` that stores it; its type is that of one value.
     """
 
     name: str
-    recorded: str
     column: Field
+
+    @property
+    def recorded(self) -> str:
+        """NumPy type in a recording and in a digest."""
+        return "<f8" if "float" in self.column.type else "i1"
 
 
 _FLAT = "vehicle by vehicle: vehicle i at frame t stands at i * n_frames + t"
 
 SERIES: tuple[Series, ...] = (
-    Series("x", "<f8", Field("x_m", "float32", "m", f"Box centre along the road, {_FLAT}; NaN where absent.", _METRES,
-          nan=True)),
-    Series(
-        "y", "<f8",
-        Field("y_m", "float32", "m", "Box centre, to the left of the right road edge; NaN where absent.", _METRES,
-              nan=True),
-    ),
-    Series("speed", "<f8", Field("speed_mps", "float32", "m/s", "Along the road; NaN where absent.", _SPEEDS,
-          nan=True)),
-    Series(
-        "heading", "<f8",
-        Field(
-            "heading_rad", "float32", "rad", "Counter-clockwise from the road's direction; NaN where absent.", _ANGLES,
-            nan=True,
-        ),
-    ),
-    Series(
-        "acceleration", "<f8",
-        Field("acceleration_mps2", "float32", "m/s2", "Along the road, at this frame; NaN where absent.", _SHARPNESS,
-              nan=True),
-    ),
-    Series(
-        "target_lane", "i1",
-        Field("target_lane", "int8", "", "Lane kept or changed to; -1 where absent.", (-1, _MOST_LANES - 1)),
-    ),
-    Series("present", "i1", Field("present", "bool", "", "The vehicle exists.")),
+    Series("x", Field(
+        "x_m", "float32", "m", f"Box centre along the road, {_FLAT}; NaN where absent.", _METRES, nan=True)),
+    Series("y", Field(
+        "y_m", "float32", "m", "Box centre, to the left of the right road edge; NaN where absent.", _METRES, nan=True)),
+    Series("speed", Field("speed_mps", "float32", "m/s", "Along the road; NaN where absent.", _SPEEDS, nan=True)),
+    Series("heading", Field(
+        "heading_rad", "float32", "rad", "Counter-clockwise from the road's direction; NaN where absent.", _ANGLES,
+        nan=True)),
+    Series("acceleration", Field(
+        "acceleration_mps2", "float32", "m/s2", "Along the road, at this frame; NaN where absent.", _SHARPNESS,
+        nan=True)),
+    Series("target_lane", Field(
+        "target_lane", "int8", "", "Lane kept or changed to; -1 where absent.", (-1, _MOST_LANES - 1))),
+    Series("present", Field("present", "bool", "", "The vehicle exists.")),
 )  # fmt: skip
 """The series of a frame, in the order of a digest: first the real numbers, 0 where absent, then lane and presence."""
 
 BODY: tuple[Series, ...] = (
-    Series(
-        "kind", "i1",
-        Field(
-            "kind", "int8", "",
-            "Class of each stored vehicle: 0 car, 1 truck, 2 motorcycle.", (0, 2),
-        ),
-    ),
-    Series(
-        "length", "<f8",
-        Field("length_m", "float64", "m", "Length of each stored vehicle.", SIZES),
-    ),
-    Series("width", "<f8", Field("width_m", "float64", "m", "Width of each stored vehicle.", SIZES)),
-    Series(
-        "change_time", "<f8",
-        Field(
-            "change_time_s", "float64", "s",
-            "How long an undisturbed lane change of each stored vehicle takes.",
-            (0.0, 1e4),
-        ),
-    ),
+    Series("kind", Field(
+        "kind", "int8", "", "Class of each stored vehicle: 0 car, 1 truck, 2 motorcycle.", (0, 2))),
+    Series("length", Field("length_m", "float64", "m", "Length of each stored vehicle.", SIZES)),
+    Series("width", Field("width_m", "float64", "m", "Width of each stored vehicle.", SIZES)),
+    Series("change_time", Field(
+        "change_time_s", "float64", "s", "How long an undisturbed lane change of each stored vehicle takes.",
+        (0.0, 1e4))),
 )  # fmt: skip
 """The quantities recorded of every vehicle once."""
 

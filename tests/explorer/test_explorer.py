@@ -29,8 +29,7 @@ from cornerforge.library import CaseLibrary
 from cornerforge.library.case_file import read_case_file
 from cornerforge.rates import weighted_interval
 from cornerforge.report.cases import case_data
-from cornerforge.report.judged import read_case_judgements
-from cornerforge.report.verdict import verdict
+from cornerforge.report.judged import read_case_judgements, verdict
 from cornerforge.verbs.drive_case import drive_case
 
 pytestmark = pytest.mark.full

@@ -12,11 +12,13 @@ from typing import Any
 import pytest
 from edited_files import write_object
 from explorer.conftest import BRAKES, asked, started, stopped
+from plain_results import plain_result
 
 from cornerforge.cli import main
 from cornerforge.errors import InputError
 from cornerforge.ext.explorer import Exhibit
 from cornerforge.ext.explorer import serve as verb
+from cornerforge.results import NaturalRate, as_json
 
 pytestmark = pytest.mark.full
 
@@ -104,11 +106,11 @@ def test_scripted_cases_are_not_said_to_be_natural(place: Path, tmp_path: Path) 
 
 def test_a_rate_that_is_in_doubt_is_said_to_be(place: Path, tmp_path: Path) -> None:
     shutil.copytree(place / "natural", tmp_path / "natural")
-    rate = {
-        "method": "splitting", "tests": 1000, "plain_tests": 10, "crashes_per_test": 1e-6, "interval95": [5e-7, 2e-6],
-        "effective_sample_size": 3, "cpu_seconds": 1.0, "acceleration": 1.0, "doubts": ["it rests on 3 trees"],
-    }  # fmt: skip
-    write_object(tmp_path / "natural" / "rate.json", rate)
+    rate = plain_result(
+        NaturalRate, method="splitting", tests=1000, plain_tests=10, crashes_per_test=1e-6, interval95=(5e-7, 2e-6),
+        effective_sample_size=3, doubts=("it rests on 3 trees",),
+    )  # fmt: skip
+    write_object(tmp_path / "natural" / "rate.json", as_json(rate))
     running = started(tmp_path, "--port", 0)
     assert asked(running, "api/about")["warnings"] == [
         "How often crashes happen is not to be trusted yet: it rests on 3 trees."

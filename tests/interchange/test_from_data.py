@@ -19,7 +19,7 @@ from cornerforge.library import CaseLibrary
 from cornerforge.library.case_file import read_case_file
 from cornerforge.library.out_case import script_of
 from cornerforge.results import as_json, from_json
-from cornerforge.results.from_data import CasesFromData
+from cornerforge.results.imported import CasesFromData
 from cornerforge.verbs.drive_case import drive_case
 
 pytestmark = pytest.mark.full

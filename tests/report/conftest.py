@@ -13,11 +13,13 @@ import numpy as np
 import pytest
 from edited_files import write_object
 from numpy.typing import NDArray
+from plain_results import plain_result
 
 from cornerforge import analyse
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.library import CaseLibrary, case_record
-from cornerforge.results import as_json
+from cornerforge.results import NaturalRate, Simulated, as_json
+from cornerforge.results.learning import Baseline
 from cornerforge.types import ACCELERATIONS, ACTION_LEFT, ACTION_RIGHT, FRAME_S, Crash, Odd, Scenario
 
 ODD = Odd()
@@ -150,17 +152,22 @@ def write_natural(out: Path) -> None:
     library.append(records, next_test=130, tests=130, crashes=30)
     file = out / "summary.json"
     summary = json.loads(file.read_text(encoding="utf-8"))
-    summary["natural"] = {
-        "method": "splitting", "tests": 150_000, "plain_tests": 262_144, "crashes_per_test": 3e-7,
-        "interval95": [1e-7, 5e-7], "crashes_per_mile": 1.2e-6, "interval95_per_mile": [4e-7, 2e-6],
-        "doubts": ["it rests on 30 effective trees, fewer than 300"], "effective_sample_size": 30, "av_crashes": 90,
-        "cpu_seconds": 160.0, "acceleration": 900.0,
-    }  # fmt: skip
+    summary["natural"] = as_json(
+        plain_result(
+            NaturalRate, method="splitting", tests=150_000, plain_tests=262_144, crashes_per_test=3e-7,
+            interval95=(1e-7, 5e-7), crashes_per_mile=1.2e-6, interval95_per_mile=(4e-7, 2e-6), av_crashes=90,
+            doubts=("it rests on 30 effective trees, fewer than 300",), effective_sample_size=30, cpu_seconds=160.0,
+            acceleration=900.0,
+        )
+    )  # fmt: skip
     summary["natural_cases"] = as_json(analyse(library.path, out=out / "natural" / "analysis"))
     write_object(file, summary)
 
 
 def _summary(tests: int, analysis: dict[str, Any]) -> dict[str, Any]:
+    plain = plain_result(
+        Baseline, name="lane-changing random", tests=8192, crashes_per_test=0.05, interval95=(0.045, 0.055)
+    )
     rate = {"tests": 4 * tests, "crashes_per_test": 0.25, "interval95": [0.2, 0.3], "seconds": 1.5}
     return {
         "out": "out",
@@ -169,25 +176,18 @@ def _summary(tests: int, analysis: dict[str, Any]) -> dict[str, Any]:
         "effort": "quick",
         "av": "idm-mobil",
         "bounded": False,
-        "nde": {
-            "tests": 2_000_000,
-            "av_crashes": 9,
-            "bv_crashes": 3,
-            "crashes_per_test": 4.5e-6,
-            "crashes_per_mile": 1.8e-5,
-            "interval95": [2.1e-6, 8.5e-6],
-            "miles": 497_000.0,
-            "seconds": 30.0,
-            "world_steps_per_second": 1.0e6,
-        },
+        "nde": as_json(
+            plain_result(
+                Simulated, tests=2_000_000, av_crashes=9, bv_crashes=3, crashes_per_test=4.5e-6,
+                crashes_per_mile=1.8e-5, interval95=(2.1e-6, 8.5e-6), miles=497_000.0, seconds=30.0,
+            )
+        ),
         "train": {"decisions": 1_000_000, "seconds": 60.0, "crashes_per_test": 0.24, "interval95": [0.2, 0.3]},
-        "generate": {"cases": tests, "crashes_per_mile": 1.1, **rate},
-        "baselines": [
-            {"name": "lane-changing random", "tests": 8192, "crashes_per_test": 0.05, "interval95": [0.045, 0.055]}
-        ],
+        "generate": {"cases": tests, "av_crashes": tests, **rate},
+        "baselines": [as_json(plain)],
         "analyse": analysis,
         "seconds": 100.0,
-    }
+    }  # fmt: skip
 
 
 def _training() -> dict[str, Any]:

@@ -17,17 +17,19 @@ import pyarrow.parquet as pq
 import pytest
 from edited_files import write_object
 from html_page import CHROMIUM, Page, browse, needs_browser
+from plain_results import plain_result
 
 from cornerforge._table_checks import write_parquet
 from cornerforge.analysis.first_case import PREVENTION
 from cornerforge.analysis.flaw import FLAWS
 from cornerforge.report import front, write_report
-from cornerforge.report.artefacts import OnRoads, Rate, Summary, read_artefacts
+from cornerforge.report.artefacts import Summary, read_artefacts
 from cornerforge.report.front import Front, front_of
 from cornerforge.report.kinds import kind_in_words
 from cornerforge.report.page import _known
 from cornerforge.report.road import road_rate
 from cornerforge.report.text import miles
+from cornerforge.results import NaturalRate, Simulated, as_json
 
 
 def told(page: Page) -> str:
@@ -161,11 +163,8 @@ def test_without_a_judgement_it_says_that_nobody_looked(run_folder: Path) -> Non
 
 
 def test_no_crash_in_so_many_miles(run_folder: Path) -> None:
-    nde = {
-        "tests": 2_000_000, "av_crashes": 0, "crashes_per_test": 0.0, "interval95": [0.0, 1.84e-6],
-        "crashes_per_mile": 0.0, "miles": 497_000.0,
-    }  # fmt: skip
-    summary_of(run_folder, lambda values: values.update(nde=nde))
+    nde = plain_result(Simulated, tests=2_000_000, interval95=(0.0, 1.84e-6), crashes_per_mile=0.0, miles=497_000.0)
+    summary_of(run_folder, lambda values: values.update(nde=as_json(nde)))
     answer = front_in(run_folder).answers[1]
     assert answer.short == "No crash seen in 500 thousand miles"
     # 497 000 / (2e6 * 1.84e-6) = 135 054, of which no more is known than 130 thousand
@@ -208,18 +207,16 @@ def test_the_rate_is_the_better_known_of_the_two(natural: float, plain: float, e
     def ends(rate: float) -> tuple[float, float]:
         return (rate / 2, 2 * rate) if rate else (0.0, 1e-5)
 
-    trees = OnRoads(
-        name="natural", method="splitting", tests=300_000, plain_tests=300_000, crashes_per_test=natural,
+    trees = plain_result(
+        NaturalRate, method="splitting", tests=300_000, plain_tests=300_000, crashes_per_test=natural,
         interval95=ends(natural), crashes_per_mile=4 * natural, miles=75_000.0, effective_sample_size=30,
-        cpu_seconds=1.0, acceleration=1.0,
     )  # fmt: skip
-    counted = Rate(
-        name="plain", tests=200_000, crashes_per_test=plain, interval95=ends(plain), crashes_per_mile=4 * plain,
+    counted = plain_result(
+        Simulated, tests=200_000, crashes_per_test=plain, interval95=ends(plain), crashes_per_mile=4 * plain,
         miles=50_000.0,
     )  # fmt: skip
     summary = Summary(av="x", nde=counted, natural=trees)
-    assert summary.natural_rate is not None
-    assert summary.natural_rate.name == expected
+    assert summary.natural_rate is (trees if expected == "natural" else counted)
     road = road_rate(summary)
     assert road is not None
     rate = natural if expected == "natural" else plain

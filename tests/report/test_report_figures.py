@@ -14,8 +14,9 @@ import pytest
 from scipy.stats import binomtest
 
 from cornerforge.report import figures, page, tables, text
-from cornerforge.report.artefacts import Artefacts, Points, Rate, read_artefacts
+from cornerforge.report.artefacts import Artefacts, Points, read_artefacts
 from cornerforge.report.judged import kind_counts
+from cornerforge.results.rates import Counted
 from cornerforge.results.whole import Exposed
 
 
@@ -43,10 +44,10 @@ def test_plotly_accepts_every_figure(artefacts: Artefacts) -> None:
     assert summary.generate is not None
     assert artefacts.training is not None
     assert summary.nde is not None
-    none_seen = Rate(name="nobody", tests=100, crashes_per_test=0.0, interval95=(0.0, 0.04))
+    none_seen = {"nobody": Counted(tests=100, crashes_per_test=0.0, interval95=(0.0, 0.04))}
     made = [
-        figures.rate_figure([summary.generate, *summary.baselines], summary.nde),
-        figures.rate_figure([none_seen], none_seen),
+        figures.rate_figure(summary.rates),
+        figures.rate_figure(none_seen),
         figures.map_figure(artefacts.points, analysis, list(analysis.rare[:1]), set(analysis.rare)),
         figures.share_figure(analysis.fault_rules, 60, "share of all cases"),
         figures.share_figure({"none at all": 0, "all": 3}, 3, "share"),
@@ -77,10 +78,14 @@ def test_densities_have_area_one(artefacts: Artefacts) -> None:
 
 
 @pytest.mark.parametrize(("crashes", "tests"), [(0, 800), (1, 5), (200, 800), (7, 7)])
-def test_the_training_band_is_the_score_interval(crashes: int, tests: int) -> None:
-    ours = figures.wilson_interval(np.array([crashes / tests]), np.array([float(tests)]))[:, 0]
-    theirs = binomtest(crashes, tests).proportion_ci(method="wilson")
-    assert ours == pytest.approx([theirs.low, theirs.high], abs=1e-12)
+def test_the_training_band_is_the_exact_interval(artefacts: Artefacts, crashes: int, tests: int) -> None:
+    assert artefacts.training is not None
+    assert artefacts.summary.nde is not None
+    point = dataclasses.replace(artefacts.training.points[-1], tests=tests, crashes_per_test=crashes / tests)
+    curve = dataclasses.replace(artefacts.training, points=(point,))
+    high, low = figures.training_figure(curve, artefacts.summary.nde)["data"][0]["y"]
+    theirs = binomtest(crashes, tests).proportion_ci(method="exact")
+    assert (low, high) == pytest.approx((theirs.low, theirs.high), abs=1e-12)
 
 
 def test_the_map_shows_every_case_once_and_marks_the_valuable(artefacts: Artefacts) -> None:

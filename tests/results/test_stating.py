@@ -23,7 +23,12 @@ from cornerforge.results.analysis import Cluster
 from cornerforge.results.rates import Rate
 
 MODULES = [importlib.import_module(f"{results.__name__}.{one.name}") for one in pkgutil.iter_modules(results.__path__)]
-CLASSES = [thing for module in MODULES for name in module.__all__ if isinstance(thing := getattr(module, name), type)]
+CLASSES = [
+    thing
+    for module in MODULES
+    for name, thing in vars(module).items()
+    if isinstance(thing, type) and thing.__module__ == module.__name__ and not name.startswith("_")
+]
 KINDS = [pytest.param(kind, id=kind.__name__) for kind in CLASSES]
 RATE = Rate(
     tests=2, crashes_per_test=0.5, interval95=(0.0, 1.0), crashes_per_mile=None, interval95_per_mile=None, miles=0.0

@@ -6,11 +6,11 @@ Importing this needs no PyTorch. Another learner keeps its hyperparameters and p
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from cornerforge._checks import check_in, check_integer, check_number
+from cornerforge._checks import check_in, check_integer
+from cornerforge._schema import Declared, Share, check_fields, meant
 from cornerforge.adversary.worlds import reward_numbers
 from cornerforge.drivers.policy import NetworkShape
 from cornerforge.errors import MissingExtraError, UnknownNameError
@@ -20,11 +20,13 @@ from cornerforge.world_options import LEARNERS
 if TYPE_CHECKING:
     from cornerforge.adversary.learner import Learner
 
-__all__ = ["PRESETS", "DqnConfig", "TrainConfig", "preset_named"]
+__all__ = ["PRESETS", "Count", "DqnConfig", "TrainConfig", "preset_named"]
+
+Count = Annotated[int, meant("A number of things.", "", 1, 10**12)]
+"""A whole number of at least 1."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrainConfig:
+class TrainConfig(Declared):
     """Hyperparameters that every learner has.
 
     `learner` is a name of `world_options.LEARNERS`. `decisions` counts transitions of the controlled BV over all
@@ -41,24 +43,20 @@ class TrainConfig:
 
     learner: str
     preset: str
-    learning_rate: float
-    final_learning_rate: float
-    worlds: int
-    decisions: int
+    learning_rate: Annotated[float, meant("At the begin.", "", 1e-9, 1.0)]
+    final_learning_rate: Annotated[float, meant("At the end.", "", 1e-9, 1.0)]
+    worlds: Count
+    decisions: Count
     n_shared: int
     n_stream: int
     width: int
-    discount: float = 1.0
+    discount: Share = 1.0
     reward: str = "crash"
-    delay_s: float = field(default=1.0, metadata={"unit": "s"})
+    delay_s: Annotated[float, meant("Time of the AV to react.", "s")] = 1.0
 
     def __post_init__(self) -> None:
-        check_number("train.learning_rate", self.learning_rate, low=1e-9, high=1.0)
-        check_number("train.final_learning_rate", self.final_learning_rate, low=1e-9, high=1.0)
-        check_number("train.discount", self.discount, low=0.0, high=1.0)
+        check_fields(self, "train.")
         reward_numbers(self.reward, self.delay_s)
-        for name in ("worlds", "decisions"):
-            check_integer(f"train.{name}", getattr(self, name), low=1, high=10**12)
 
     @property
     def network(self) -> NetworkShape:
@@ -75,7 +73,6 @@ class TrainConfig:
         return learner
 
 
-@dataclass(frozen=True, kw_only=True)
 class DqnConfig(TrainConfig):
     """Hyperparameters of the dueling double DQN.
 
@@ -91,28 +88,22 @@ class DqnConfig(TrainConfig):
 
     learner: str = "dqn"
     optimiser: str
-    batch: int
+    batch: Count
     replay_size: int
     replay_start: int
-    epsilon_start: float
-    epsilon_end: float
-    epsilon_decisions: int
-    target_update: int = field(metadata={"unit": "updates"})
+    epsilon_start: Share
+    epsilon_end: Share
+    epsilon_decisions: Count
+    target_update: Annotated[Count, meant("Time between updates of the target.", "updates")]
     decisions_per_update: int
-    guided: float = 0.0
-    guided_epsilon: float = 0.0
-    paid_share: float = 0.0
-    target_limit: float = 1.0
+    guided: Annotated[float, meant("Share of worlds.", "", 0.0, 0.9)] = 0.0
+    guided_epsilon: Share = 0.0
+    paid_share: Share = 0.0
+    target_limit: Annotated[float, meant("Largest target.", "", 1e-6, 1e6)] = 1.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_in("optimiser", self.optimiser, ("adam", "sgd"))
-        for name in ("epsilon_start", "epsilon_end", "guided_epsilon", "paid_share"):
-            check_number(f"train.{name}", getattr(self, name), low=0.0, high=1.0)
-        check_number("train.guided", self.guided, low=0.0, high=0.9)
-        check_number("train.target_limit", self.target_limit, low=1e-6, high=1e6)
-        for name in ("batch", "epsilon_decisions", "target_update"):
-            check_integer(f"train.{name}", getattr(self, name), low=1, high=10**12)
         check_integer("train.decisions_per_update", self.decisions_per_update, low=1, high=self.worlds)
         check_integer("train.replay_size", self.replay_size, low=max(self.batch, self.worlds), high=10**9)
         # Beyond the memory's size learning would never start.

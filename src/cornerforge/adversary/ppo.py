@@ -7,15 +7,14 @@ logits of the policy, and their mean is the value of the state.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from cornerforge._checks import check_integer, check_number
+from cornerforge._schema import Share, meant
 from cornerforge.adversary.config import TrainConfig
 from cornerforge.adversary.learner import below
 from cornerforge.adversary.network import TrainableNetwork
@@ -30,7 +29,6 @@ _FORBIDDEN = -1e9
 """Logit of an action that the mask forbids."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class PpoConfig(TrainConfig):
     """Hyperparameters of PPO.
 
@@ -46,23 +44,14 @@ class PpoConfig(TrainConfig):
     head: ClassVar[str] = "softmax"
 
     learner: str = "ppo"
-    rollout: int
-    epochs: int
-    batch: int
-    trace: float
-    clip: float
-    value_weight: float
-    entropy_weight: float
-    largest_norm: float
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("rollout", "epochs", "batch"):
-            check_integer(f"train.{name}", getattr(self, name), low=1, high=10**6)
-        for name in ("trace", "clip"):
-            check_number(f"train.{name}", getattr(self, name), low=0.0, high=1.0)
-        for name in ("value_weight", "entropy_weight", "largest_norm"):
-            check_number(f"train.{name}", getattr(self, name), low=0.0, high=1e3)
+    rollout: Annotated[int, meant("Decisions of a world in a round.", "", 1, 10**6)]
+    epochs: Annotated[int, meant("Times over these.", "", 1, 10**6)]
+    batch: Annotated[int, meant("Decisions of a batch.", "", 1, 10**6)]
+    trace: Share
+    clip: Share
+    value_weight: Annotated[float, meant("Of the value's squared error.", "", 0.0, 1e3)]
+    entropy_weight: Annotated[float, meant("Of the entropy.", "", 0.0, 1e3)]
+    largest_norm: Annotated[float, meant("Of a gradient; longer ones are cut.", "", 0.0, 1e3)]
 
 
 PRESETS = {

@@ -15,12 +15,13 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from types import FrameType
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
+from cornerforge._schema import meant
 from cornerforge.adversary.checkpoint import CheckpointFile, TrainingState
 from cornerforge.adversary.config import TrainConfig
 from cornerforge.adversary.learner import below
@@ -66,11 +67,10 @@ _MOST_POINTS = 1000
 """At this many points of the curve pairs of neighbours are joined, and later points come half as often."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class CurvePoint(TrainingPoint):
     """A point of the curve of a training that runs, hence with its time."""
 
-    seconds: float = field(metadata={"unit": "s", "meaning": "Wall-clock so far."})
+    seconds: Annotated[float, meant("Wall-clock so far.", "s")]
 
 
 @dataclass

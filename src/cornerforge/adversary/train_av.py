@@ -6,13 +6,13 @@ Some of its tests have hostile BVs, so that it meets danger often enough to lear
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_integer, check_number
+from cornerforge._checks import check_integer
+from cornerforge._schema import Share, meant
 from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import DqnConfig
 from cornerforge.adversary.replay import allocate_transitions
@@ -47,7 +47,6 @@ from cornerforge.sim import (
 __all__ = ["AV_TRAINING", "AvTrainConfig", "train_av"]
 
 
-@dataclass(frozen=True, kw_only=True)
 class AvTrainConfig(DqnConfig):
     """`DqnConfig` for the AV. A decision is a second of one world here: two decisions of the AV.
 
@@ -60,18 +59,15 @@ class AvTrainConfig(DqnConfig):
         InputError: A value is out of range, or the network is wider than the kernels take.
     """
 
-    progress: float = 0.01
-    acceleration: float = 0.002
-    lane_change: float = 0.004
-    nearness: float = 0.02
-    time_gap: float = field(default=1.0, metadata={"unit": "s"})
+    progress: Share = 0.01
+    acceleration: Share = 0.002
+    lane_change: Share = 0.004
+    nearness: Share = 0.02
+    time_gap: Annotated[float, meant("Time gap from which on `nearness` is 0.", "s", 0.1, 10.0)] = 1.0
     hostile: tuple[tuple[str, bool], ...] = (("nobody", False),)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("progress", "acceleration", "lane_change", "nearness"):
-            check_number(f"train.{name}", getattr(self, name), low=0.0, high=1.0)
-        check_number("train.time_gap", self.time_gap, low=0.1, high=10.0, unit="s")
         if self.width > LEARNED_WIDTH:
             raise InputError(f"train.width = {self.width}: a learned AV's layers are at most {LEARNED_WIDTH} wide.")
 

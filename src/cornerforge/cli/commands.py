@@ -5,24 +5,20 @@ from __future__ import annotations
 import importlib
 import inspect
 from collections.abc import Callable, Iterable
-from dataclasses import Field, fields
+from dataclasses import MISSING, Field, fields
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
 import typer
+from msgspec import Meta
 
-from cornerforge._arguments import allowed_types
-from cornerforge._options import Command, Option, is_required, options_of
+from cornerforge._options import Command, Options, options_of
+from cornerforge._schema import allowed_types, meant, shown_of
 from cornerforge.cli.config import read_config
 from cornerforge.cli.output import EXIT_GATE, Bars, run_command
 from cornerforge.cli.program import command_class, epilog, group_of
 
 __all__ = ["add_command"]
-
-
-def _flag(name: str, text: str) -> Any:
-    """An option without a value; help would else show one for it."""
-    return typer.Option(name, help=text, metavar="")
 
 
 def _completing(words: tuple[str, ...]) -> Callable[[str], list[str]] | None:
@@ -36,45 +32,30 @@ def _completing(words: tuple[str, ...]) -> Callable[[str], list[str]] | None:
     return complete if words else None
 
 
-_GENERAL = {
-    "config": (
+class _General(Options):
+    """Options that commands have besides those of their verbs."""
+
+    config: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE", is_eager=True, callback=read_config, show_default=False,
-            help="TOML file with these options by their long names (lanes = 4). An option on the command line wins, "
-            "also --no-NAME for a flag NAME = true. Paths in the file, and a module of its av, are looked for from its "
+        meant(
+            "TOML file with these options by their long names (lanes = 4). An option on the command line wins, also "
+            "--no-NAME for a flag NAME = true. Paths in the file, and a module of its av, are looked for from its "
             "folder.",
+            metavar="FILE",
         ),
-        None,
-    ),
-    "engine": (
+    ] = None
+    engine: Annotated[
         str,
-        typer.Option(
-            help="Where it is computed: threads of this machine, or ray, a cluster. Does not change results.",
-            autocompletion=_completing(("threads", "ray")),
+        meant(
+            "Where it is computed: threads of this machine, or ray, a cluster. Does not change results.",
+            near=("threads", "ray"),
         ),
-        "threads",
-    ),
-    "address": (
-        str | None,
-        typer.Option(help="Of a Ray cluster, HOST:PORT or auto; without it one is started here.", show_default=False),
-        None,
-    ),
-    "out": (
-        Path | None,
-        typer.Option("--out", help="New file for the object that --json prints.", show_default=False),
-        None,
-    ),
-    "quiet": (bool, _flag("--quiet", "No text and no progress bars."), False),
-    "as_json": (bool, _flag("--json", "Print exactly one JSON object on standard output."), False),
-    "debug": (bool, _flag("--debug", "Show the traceback of an error."), False),
-}  # fmt: skip
-"""Options that commands have besides those of their verbs: type, how it is shown, default."""
-
-
-def _parameter(name: str, kind: Any, shown: Any, default: Any) -> inspect.Parameter:
-    annotated: Any = Annotated  # made here, not written down, so mypy must not read it as a type
-    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotated[kind, shown])
+    ] = "threads"
+    address: Annotated[str | None, meant("Of a Ray cluster, HOST:PORT or auto; without it one is started here.")] = None
+    out: Annotated[Path | None, meant("New file for the object that --json prints.")] = None
+    quiet: Annotated[bool, meant("No text and no progress bars.")] = False
+    as_json: Annotated[bool, meant("Print exactly one JSON object on standard output.", name="--json")] = False
+    debug: Annotated[bool, meant("Show the traceback of an error.")] = False
 
 
 def _type_of(hint: Any) -> Any:
@@ -88,26 +69,31 @@ def _type_of(hint: Any) -> Any:
     return first if get_origin(first) is None else list[allowed_types(get_args(first)[0])[0]]  # type: ignore[misc]
 
 
-def _own_parameter(one: Field[Any], hint: Any, option: Option) -> inspect.Parameter:
-    """Make an option of a verb a parameter that Typer makes an option or an argument of."""
-    kind = _type_of(hint)
-    is_list, required = get_origin(kind) is list, is_required(one)
+def _parameter(one: Field[Any], hint: Any, said: Meta) -> inspect.Parameter:
+    """Make an option a parameter that Typer makes an option or an argument of."""
+    kind, option = _type_of(hint), shown_of(said)
+    is_list, required = get_origin(kind) is list, one.default is MISSING
     default = inspect.Parameter.empty if required else None if is_list else one.default
-    shown_default: Any = option.default or not (required or default is None)
-    metavar, name = option.metavar or None, option.name or f"--{one.name.replace('_', '-')}"
-    text = option.help
-    if option.low is not None and option.high is not None and option.high < 1e9:
-        text = f"{text.rstrip('.')}; {option.low:g} to {option.high:g}."
+    shown_default: Any = option.get("default") or not (required or default is None)
+    metavar, names = option.get("metavar"), [option.get("name", f"--{one.name.replace('_', '-')}")]
+    names += [option["also"]] if "also" in option else []
+    text = said.description or ""
+    if said.ge is not None and said.le is not None and said.le < 1e9:
+        text = f"{text.rstrip('.')}; {said.ge:g} to {said.le:g}."
     if not one.kw_only:
         shown = typer.Argument(metavar=metavar, help=text, show_default=shown_default)
     elif kind is bool:
-        shown = _flag(name, text)
+        shown = typer.Option(names[0], help=text, metavar="")  # help would else show a value for it
     else:
+        first = one.name == "config"
         shown = typer.Option(
-            name, *filter(None, [option.also]), metavar=metavar, help=text, show_default=shown_default,
-            autocompletion=_completing(option.choices or option.near),
+            *names, metavar=metavar, help=text, show_default=shown_default,
+            autocompletion=_completing(option.get("choices") or option.get("near", ())),
+            is_eager=first, callback=read_config if first else None,
         )  # fmt: skip
-    return _parameter(one.name, kind if required or not (is_list or default is None) else kind | None, shown, default)
+    annotated: Any = Annotated  # made here, not written down, so mypy must not read it as a type
+    annotation = annotated[kind if required or not (is_list or default is None) else kind | None, shown]
+    return inspect.Parameter(one.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
 def _found(place: str) -> Any:
@@ -118,13 +104,10 @@ def _found(place: str) -> Any:
 
 def add_command(told: Command) -> None:
     """Make a command of what is told of it."""
-    shown = [(one, hint, option) for one, hint, option in options_of(told.options) if not option.hidden]
-    own = {one.name: _own_parameter(one, hint, option) for one, hint, option in shown}
-    general = {
-        name: _parameter(name, *made)
-        for name, made in _GENERAL.items()
-        if name not in own and (told.spreads or name not in ("engine", "address"))
-    }
+    shown = [option for option in options_of(told.options) if not shown_of(option[2]).get("hidden")]
+    own = {option[0].name: _parameter(*option) for option in shown}
+    leave = {*own} if told.spreads else {*own, "engine", "address"}
+    general = [_parameter(*option) for option in options_of(_General) if option[0].name not in leave]
     watched = any(one.name == "progress" for one in fields(told.options))
 
     def command(**given: Any) -> None:
@@ -145,11 +128,11 @@ def add_command(told: Command) -> None:
                 typer.echo(failure, err=True)
             raise typer.Exit(EXIT_GATE)
 
-    parameters = [*own.values(), *general.values()]
+    parameters = [*own.values(), *general]
     name = told.verb.partition(":")[2]
     command.__name__, command.__doc__ = name, inspect.cleandoc(told.options.__doc__ or "")
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     command.__annotations__ = {one.name: one.annotation for one in parameters}  # Typer reads both
-    many = tuple(option.name or f"--{one.name}" for one, _, option in shown if option.many)
+    many = tuple(shown_of(said).get("name", f"--{one.name}") for one, _, said in shown if "many" in shown_of(said))
     group, _, word = (told.name or name.replace("_", "-")).rpartition(" ")
     group_of(group).command(word, cls=command_class(many), epilog=epilog(told.examples))(command)

@@ -18,10 +18,11 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field, fields
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin
+from typing import Any, get_args, get_origin
 
 import typer
 
+from cornerforge._schema import allowed_types
 from cornerforge.cli.retired import RETIRED
 from cornerforge.errors import FileFormatError, InputError, UnknownNameError
 from cornerforge.world_options import WorldOptions
@@ -261,18 +262,11 @@ def _unknown(key: str, here: str, commands: Mapping[str, Any]) -> str:
 
 def _value(name: str, value: Any, annotation: Any, file: Path) -> Any:
     """Check the type of a value, and turn paths to where they lie as seen from the file."""
-    kind = annotation
-    while get_origin(kind) is not list and get_args(kind):  # Annotated[A | None, ...] and A | None
-        kind = get_args(kind)[0] if get_origin(kind) is Annotated else _without_none(kind)
+    kind = allowed_types(annotation)[0]
     if get_origin(kind) is list:
         (kind,) = get_args(kind)
         return [_one(name, one, kind, file) for one in (value if isinstance(value, list) else [value])]
     return _one(name, value, kind, file)
-
-
-def _without_none(kind: Any) -> Any:
-    (rest,) = (one for one in get_args(kind) if one is not type(None))
-    return rest
 
 
 def _one(name: str, value: Any, kind: Any, file: Path) -> Any:

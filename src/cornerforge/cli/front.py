@@ -62,9 +62,13 @@ def _width() -> int:
 
 def _page(width: int, colours: bool) -> str:
     import json
+    import textwrap
     from pathlib import Path
 
     content = json.loads(Path(__file__).with_name("front_page.json").read_text(encoding="utf-8"))
+
+    def wrapped(text: str, width: int) -> list[str]:
+        return textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False) or [""]
 
     def styled(text: str, style: str) -> str:
         return f"\x1b[{style}m{text}\x1b[0m" if colours and text else text
@@ -74,14 +78,14 @@ def _page(width: int, colours: bool) -> str:
 
     def paragraph(text: str) -> Iterator[str]:
         for given in text.split("\n"):
-            for line in _lines(given, width - 2):
+            for line in wrapped(given, width - 2):
                 yield f" {with_options(line)}{' ' * (width - 1 - len(line))}"
 
     def panel(title: str, rows: list[tuple[str, str, str]], indent: int) -> Iterator[str]:
         yield styled(f"╭─ {title} {'─' * (width - len(title) - 5)}╮", _DIM)
         side = styled("│", _DIM)
         for plain, shown, text in rows:
-            for number, line in enumerate(_lines(text, width - indent - 4)):
+            for number, line in enumerate(wrapped(text, width - indent - 4)):
                 first = shown + " " * (indent - len(plain)) if number == 0 else " " * indent
                 yield f"{side} {first}{with_options(line)}{' ' * (width - indent - 4 - len(line))} {side}"
         yield styled(f"╰{'─' * (width - 2)}╯", _DIM)
@@ -106,14 +110,3 @@ def _page(width: int, colours: bool) -> str:
         empty,
     ]
     return "\n".join(lines) + "\n\n"
-
-
-def _lines(text: str, width: int) -> list[str]:
-    """Break a text at its spaces."""
-    lines = [""]
-    for word in text.split(" "):
-        if lines[-1] and len(lines[-1]) + 1 + len(word) > width:
-            lines.append(word)
-        else:
-            lines[-1] = f"{lines[-1]} {word}" if lines[-1] else word
-    return lines

@@ -114,27 +114,19 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-ndd = typer.Typer(
-    cls=_Group,
-    no_args_is_help=True,
-    help="The naturalistic driving model.",
-    epilog=epilog(("cornerforge ndd show",)),
-)
-app.add_typer(ndd, name="ndd")
-suite = typer.Typer(
-    cls=_Group,
-    no_args_is_help=True,
-    help="Small sets of cases to test every version of an AV with.",
-    epilog=epilog(("cornerforge suite build out/demo/library --out out/suite",)),
-)
-app.add_typer(suite, name="suite")
-cases = typer.Typer(
-    cls=_Group,
-    no_args_is_help=True,
-    help="Cases made of recorded traffic.",
-    epilog=epilog(("cornerforge cases from-data trajectories.csv --out out/moments",)),
-)
-app.add_typer(cases, name="cases")
+_GROUPS = {"": app}
+for _name, _help, _example in (
+    ("ndd", "The naturalistic driving model.", "ndd show"),
+    (
+        "suite", "Small sets of cases to test every version of an AV with.",
+        "suite build out/demo/library --out out/suite",
+    ),
+    ("cases", "Cases made of recorded traffic.", "cases from-data trajectories.csv --out out/moments"),
+):  # fmt: skip
+    _GROUPS[_name] = typer.Typer(
+        cls=_Group, no_args_is_help=True, help=_help, epilog=epilog((f"cornerforge {_example}",))
+    )
+    app.add_typer(_GROUPS[_name], name=_name)
 
 
 def command_class(many: tuple[str, ...]) -> type[_Command]:
@@ -144,7 +136,7 @@ def command_class(many: tuple[str, ...]) -> type[_Command]:
 
 def group_of(name: str) -> typer.Typer:
     """Give the program that holds the commands of a group; "" for the program itself."""
-    return {"": app, "ndd": ndd, "suite": suite, "cases": cases}[name]
+    return _GROUPS[name]
 
 
 def _say_version(context: typer.Context, wanted: bool) -> None:

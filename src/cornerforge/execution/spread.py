@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, TypeVar
 
-from cornerforge._arguments import check_value
 from cornerforge._checks import check_in, check_integer
+from cornerforge._schema import check_value
 from cornerforge.errors import InputError
 from cornerforge.execution.threads import in_threads
 

@@ -13,12 +13,13 @@ from cornerforge.foreign.session import answers_per_test
 from cornerforge.intervals import binomial_interval
 from cornerforge.results import Simulated, from_json
 from cornerforge.results.driving import Distributions, Quantity, TtcLimit
-from cornerforge.results.rates import Rate
+from cornerforge.results.rates import Interval, Rate
 from cornerforge.sim import Outcomes, Tally, simulate_chunks, statistics
 from cornerforge.types import METRES_PER_MILE
 
-__all__ = ["CHUNK", "distributions_of", "drive_tests", "rate_summary", "simulate_experiment", "tally_summary"]
-
+__all__ = [
+    "CHUNK", "distributions_of", "drive_tests", "rate_of", "rate_summary", "simulate_experiment", "tally_summary",
+]  # fmt: skip
 
 CHUNK = 512
 """Tests in a range that one thread drives, unless the AV is slow."""
@@ -26,13 +27,18 @@ CHUNK = 512
 
 def rate_summary(crashes: int, tests: int, miles: float) -> Rate:
     """Make a crash rate per test and per mile, with n and exact 95 % intervals."""
-    low, high = binomial_interval(crashes, tests)
-    per_mile = tests / miles if miles > 0.0 else None
+    return rate_of(crashes / tests, binomial_interval(crashes, tests), tests, miles, tests)
+
+
+def rate_of(per_test: float, interval95: Interval, tests: int, miles: float, driven: int) -> Rate:
+    """Make a crash rate per test, with its interval and n, one per mile too: `driven` tests had so many miles."""
+    low, high = interval95
+    per_mile = driven / miles if miles > 0.0 else None
     return Rate(
         tests=tests,
-        crashes_per_test=crashes / tests,
+        crashes_per_test=per_test,
         interval95=(low, high),
-        crashes_per_mile=None if per_mile is None else crashes / tests * per_mile,
+        crashes_per_mile=None if per_mile is None else per_test * per_mile,
         interval95_per_mile=None if per_mile is None else (low * per_mile, high * per_mile),
         miles=miles,
     )

@@ -19,10 +19,9 @@ import numpy as np
 from msgspec import UNSET, UnsetType
 from numpy.typing import NDArray
 
-from cornerforge._arguments import check_value
 from cornerforge._files import check_regular, reason, writing
 from cornerforge._locks import claim_file, claims
-from cornerforge._schema import parse, read
+from cornerforge._schema import check_value, parse, read
 from cornerforge.drivers.rails import POSE_NUMBERS, X
 from cornerforge.errors import FileFormatError, InputError, OutputError
 from cornerforge.library.case_content import (

@@ -29,9 +29,10 @@ from cornerforge.library.harvester import CaseRoom, Harvested, Harvester, extra_
 from cornerforge.library.shards import EncodedShard, encode_tables
 from cornerforge.ndd.model import save_model
 from cornerforge.results import Filled, Simulated
+from cornerforge.results.driving import CasesMade
 from cornerforge.sim import AV_FAULT, NOBODY, Tally, crashed_tests, simulate_chunks
 
-__all__ = ["MODEL_FILE", "fill_library", "harvest_tests", "library_summary", "policy_file", "store_tests"]
+__all__ = ["MODEL_FILE", "cases_made", "fill_library", "harvest_tests", "library_summary", "policy_file", "store_tests"]
 
 _SHARD_CASES = 1000
 _COMMIT_SECONDS = 20.0
@@ -341,14 +342,21 @@ def _fill(
 def library_summary(library: CaseLibrary, seconds: float) -> Filled:
     """Make the result of `generate`: cases, and crashes per test over all tests that were driven."""
     return Filled(
+        **vars(cases_made(library)),
+        av_faults=library.next_test - library.tests,
+        seconds=round(seconds, 3),
+        library=str(library.path),
+    )
+
+
+def cases_made(library: CaseLibrary) -> CasesMade:
+    """Give the cases of a library that says how many tests there were, and how often these crashed."""
+    return CasesMade(
         cases=len(library),
         tests=library.tests,
         av_crashes=library.crashes,
-        av_faults=library.next_test - library.tests,
         crashes_per_test=library.crashes / library.tests,
         interval95=binomial_interval(library.crashes, library.tests),
-        seconds=round(seconds, 3),
-        library=str(library.path),
     )
 
 

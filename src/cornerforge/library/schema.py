@@ -9,14 +9,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Annotated
 
 import msgspec
 import pyarrow as pa
 
 from cornerforge._arrow import arrow_fields, arrow_type
-from cornerforge._schema import Hex, Whole, meant
+from cornerforge._schema import Declared, Hex, Whole, meant
 from cornerforge.errors import InputError
 from cornerforge.fields import CASES, SIZES, TRACKS, Field
 from cornerforge.sim import START_FIELDS
@@ -84,8 +83,7 @@ AV_SIZES: tuple[Field, ...] = (
 """Own columns of libraries with AVs that are not as large as the ODD's cars."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunIdentity:
+class RunIdentity(Declared):
     """Identity of an experiment: `run` of a manifest, and `identity` of a provenance; commands add keys."""
 
     seed: Annotated[Whole, meant("Seed of the tests.")]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from cornerforge.analysis.crash_types import CRASH_TYPES
@@ -14,7 +14,7 @@ from cornerforge.rates.attention import action_chances, oversight
 from cornerforge.results.driving import CrashCircumstances
 from cornerforge.types import Scenario
 
-__all__ = ["CrashStudy", "NaturalCrashes", "crash_tables"]
+__all__ = ["CrashStudy", "NaturalCrashes", "crash_tables", "kind_counts"]
 
 
 @dataclass(frozen=True)
@@ -96,14 +96,16 @@ def crash_tables(studies: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
         studies: `CrashStudy.columns` of each crash.
     """
     rows = list(studies)
-    types, mechanisms = Counter(row["crash_type"] for row in rows), Counter(row["mechanism"] for row in rows)
+    seen = {one.name: sum(bool(row[one.name]) for row in rows) for one in fields(CrashCircumstances)}
+    counts = kind_counts((row["crash_type"], row["mechanism"]) for row in rows)
+    return {**counts, "crash_circumstances": CrashCircumstances(**seen)}
+
+
+def kind_counts(crashes: Iterable[tuple[str, str]]) -> dict[str, Any]:
+    """Count crashes, each a type and a mechanism, for the fields `crash_types` and `mechanisms` of `NaturalRate`."""
+    pairs = list(crashes)
+    types, mechanisms = Counter(kind for kind, _ in pairs), Counter(mechanism for _, mechanism in pairs)
     return {
         "crash_types": {name: types[name] for name in CRASH_TYPES.values()},
         "mechanisms": {name: mechanisms[name] for name in MECHANISMS},
-        "crash_circumstances": CrashCircumstances(
-            at_start=sum(bool(row["at_start"]) for row in rows),
-            rare_action=sum(bool(row["rare_action"]) for row in rows),
-            overlooked=sum(bool(row["overlooked"]) for row in rows),
-            looked_away=sum(bool(row["looked_away"]) for row in rows),
-        ),
     }

@@ -30,6 +30,7 @@ from cornerforge.rates.exposure import SAMPLE_TESTS, BvTravel, bv_travel
 from cornerforge.rates.monte_carlo import BLOCK, CHUNK, MonteCarlo, drive_blocks, relative_half_width
 from cornerforge.results import NaturalRate, as_json
 from cornerforge.results.driving import BvMilesEstimate, Cost, Effort, KindRate
+from cornerforge.results.rates import Rate
 
 __all__ = ["ASKED", "ENOUGH_TO_FORESEE", "PlainTests", "cost_of", "kept_if_interrupted"]
 
@@ -199,14 +200,13 @@ class PlainTests:
         keeper.catch_up(self.counts, NO_PROGRESS if state == "running" else self._progress)
         if state not in ("running", "interrupted"):
             keeper.finish()
-        counted = _counted(self.counts, keeper.tables(self.counts.tests), self.reason)
-        summary = NaturalRate(**{**self.plain_part(), **counted, "state": state})
+        summary = self._counted(keeper.tables(self.counts.tests), state)
         if self.out is not None:
             write_json(self.out / "rate.json", as_json(summary))
         return summary
 
     def plain_part(self) -> dict[str, Any]:
-        """Make the fields of `NaturalRate` that come from plain tests, whatever the method."""
+        """Make the fields of `NaturalRate` that come from plain tests whatever the method, without the rate."""
         sample = min(SAMPLE_TESTS, self.counts.tests)
         if self._travel is None or self._travel.tests < sample:
             self._travel = bv_travel(
@@ -217,7 +217,56 @@ class PlainTests:
                 threads=self.run.processes(self._threads),
                 drive=self.run.drive,
             )
-        return _plain_part(self.run, self.counts, self._travel)
+        run, counts = self.run, self.counts
+        bv_miles = self._travel.miles_per_test * counts.valid_tests
+        low, high = poisson_interval(counts.bv_crashes)
+        return {
+            "av": run.av.name,
+            "odd": run.odd.name,
+            "lanes": run.odd.n_lanes,
+            "plain_tests": counts.valid_tests,
+            "av_faults": counts.av_faults,
+            "bv_crashes": counts.bv_crashes,
+            "bv_crashes_per_test": counts.bv_crashes / counts.valid_tests,
+            "bv_crashes_per_bv_mile": None if bv_miles == 0.0 else counts.bv_crashes / bv_miles,
+            "interval95_bv_crashes_per_bv_mile": None if bv_miles == 0.0 else (low / bv_miles, high / bv_miles),
+            "bv_miles": bv_miles,
+            "bv_miles_estimate": BvMilesEstimate(tests=self._travel.tests, relative_error=self._travel.relative_error),
+        }
+
+    def rate(self) -> Rate:
+        """Make the rate of plain tests."""
+        return rate_summary(self.counts.av_crashes, self.counts.valid_tests, self.counts.miles)
+
+    def _counted(self, tables: dict[str, Any], state: str) -> NaturalRate:
+        """Make the result of counting, of what `crash_tables` gives."""
+        counts, nothing = self.counts, Cost(tests=0, cpu_seconds=0.0)
+        rate = self.rate()
+        low, high = binomial_interval(counts.av_crashes, counts.valid_tests, 0.9)
+        return NaturalRate(
+            **vars(rate),
+            **self.plain_part(),
+            **tables,
+            method="mc",
+            reason=self.reason,
+            relative_half_width=counts.half_width(),
+            relative_half_width_90=relative_half_width(low, high, rate.crashes_per_test),
+            doubts=(),
+            effort=Effort(plain=cost_of(counts), teaching=nothing, estimation=nothing),
+            av_crashes=counts.av_crashes,
+            effective_sample_size=counts.valid_tests,
+            largest_share=None,
+            halves=None,
+            tail_index=None,
+            acceleration=1.0,
+            seconds=round(counts.seconds, 3),
+            cpu_seconds=round(counts.cpu_seconds, 3),
+            tests_per_second=round(counts.tests / counts.seconds, 1) if counts.seconds else None,
+            digest=counts.digest,
+            state=state,
+            crash_type_rates=_counted_kinds(tables["crash_types"], counts.valid_tests),
+            mechanism_rates=_counted_kinds(tables["mechanisms"], counts.valid_tests),
+        )
 
     def kinds(self) -> dict[str, int]:
         """Count the crashes so far by mechanism."""
@@ -243,56 +292,9 @@ def cost_of(counts: MonteCarlo) -> Cost:
     return Cost(tests=counts.tests, cpu_seconds=round(counts.cpu_seconds, 3))
 
 
-def _counted(counts: MonteCarlo, tables: dict[str, Any], reason: str) -> dict[str, Any]:
-    """Make the fields of `NaturalRate` that counting gives."""
-    nothing = Cost(tests=0, cpu_seconds=0.0)
-    low, high = binomial_interval(counts.av_crashes, counts.valid_tests, 0.9)
-    return {
-        "method": "mc",
-        "reason": reason,
-        "relative_half_width": counts.half_width(),
-        "relative_half_width_90": relative_half_width(low, high, counts.av_crashes / counts.valid_tests),
-        "doubts": (),
-        "effort": Effort(plain=cost_of(counts), teaching=nothing, estimation=nothing),
-        "av_crashes": counts.av_crashes,
-        "effective_sample_size": counts.valid_tests,
-        "largest_share": None,
-        "halves": None,
-        "tail_index": None,
-        "acceleration": 1.0,
-        "seconds": round(counts.seconds, 3),
-        "cpu_seconds": round(counts.cpu_seconds, 3),
-        "tests_per_second": round(counts.tests / counts.seconds, 1) if counts.seconds else None,
-        "digest": counts.digest,
-        "crash_type_rates": _counted_kinds(tables["crash_types"], counts.valid_tests),
-        "mechanism_rates": _counted_kinds(tables["mechanisms"], counts.valid_tests),
-        **tables,
-    }
-
-
 def _counted_kinds(kinds: dict[str, int], tests: int) -> dict[str, KindRate]:
     return {
         name: KindRate(crashes=n, crashes_per_test=n / tests, interval95=binomial_interval(n, tests))
         for name, n in kinds.items()
         if n
-    }
-
-
-def _plain_part(run: Experiment, counts: MonteCarlo, travel: BvTravel) -> dict[str, Any]:
-    """Make the fields of `NaturalRate` that come from plain tests, whatever the method."""
-    bv_miles = travel.miles_per_test * counts.valid_tests
-    low, high = poisson_interval(counts.bv_crashes)
-    return {
-        "av": run.av.name,
-        "odd": run.odd.name,
-        "lanes": run.odd.n_lanes,
-        **vars(rate_summary(counts.av_crashes, counts.valid_tests, counts.miles)),
-        "plain_tests": counts.valid_tests,
-        "av_faults": counts.av_faults,
-        "bv_crashes": counts.bv_crashes,
-        "bv_crashes_per_test": counts.bv_crashes / counts.valid_tests,
-        "bv_crashes_per_bv_mile": None if bv_miles == 0.0 else counts.bv_crashes / bv_miles,
-        "interval95_bv_crashes_per_bv_mile": None if bv_miles == 0.0 else (low / bv_miles, high / bv_miles),
-        "bv_miles": bv_miles,
-        "bv_miles_estimate": BvMilesEstimate(tests=travel.tests, relative_error=travel.relative_error),
     }

@@ -400,7 +400,7 @@ def pick(
 
 def kind_rates(picked: Sequence[PickedCrash], of: str, found: WeightedRate) -> dict[str, KindRate]:
     """Split a rate by kinds of crash that were picked, "crash_type" or "mechanism"; they sum up to the whole rate."""
-    largest = max(crash.weight for crash in picked)
+    largest = max((crash.weight for crash in picked), default=0.0)
     by_kind: dict[str, list[float]] = {}
     for crash in picked:
         by_kind.setdefault(getattr(crash, of), []).append(crash.weight)

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checksums import read_json
-from cornerforge._schema import Share, Whole
+from cornerforge._schema import Declared, Whole
 from cornerforge.errors import FileFormatError
-from cornerforge.intervals import binomial_interval
 from cornerforge.report.judged import read_table
-from cornerforge.results import Analysed
-from cornerforge.results.learning import TrainingCurve
-from cornerforge.results.rates import INTERVAL95, PER_TEST, TESTS, Interval
+from cornerforge.results import Analysed, NaturalRate, Simulated
+from cornerforge.results.driving import CasesMade
+from cornerforge.results.learning import Baseline, TrainingCurve
+from cornerforge.results.rates import Counted, Rate
 from cornerforge.results.stating import from_file
 from cornerforge.results.whole import Exposure, Spending
 from cornerforge.types import METRES_PER_MILE
@@ -26,12 +26,10 @@ if TYPE_CHECKING:
     from cornerforge.library import CaseLibrary
 
 __all__ = [
+    "NATURAL_TRAFFIC",
     "Artefacts",
     "Emptiness",
-    "FilledRate",
-    "OnRoads",
     "Points",
-    "Rate",
     "Summary",
     "analyse_command",
     "library_artefacts",
@@ -42,68 +40,12 @@ __all__ = [
 ]
 
 _BILLION = 1e9
+NATURAL_TRAFFIC = "natural traffic"
+"""Name of the natural rate among rates."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Rate:
-    """Part of a crash rate that the page shows: fields of `Simulated`, `Filled` and `Baseline`.
-
-    Attributes:
-        name: What drove the background vehicles.
-    """
-
-    name: str = ""
-    tests: Annotated[Whole, TESTS]
-    crashes_per_test: Annotated[Share, PER_TEST]
-    interval95: Annotated[Interval, INTERVAL95]
-    av_crashes: Whole | None = None
-    crashes_per_mile: float | None = None
-    miles: float | None = None
-
-    @property
-    def is_bound(self) -> bool:
-        """True if no crash was seen: the rate is known only to lie below the upper end of its interval."""
-        return self.crashes_per_test == 0.0
-
-    @property
-    def digits(self) -> int:
-        """Number of significant digits to show: the third is noise unless there are hundreds of crashes."""
-        return 3 if self.crashes_per_test * self.tests >= 100.0 else 2
-
-    @property
-    def bound(self) -> float:
-        """Upper end of the 95 % interval, which is all that is known when no crash was seen."""
-        return self.interval95[1]
-
-
-@dataclass(frozen=True, kw_only=True)
-class FilledRate(Rate):
-    """The rate of the tests that filled the library, and the cases in it."""
-
-    cases: Whole
-
-
-@dataclass(frozen=True, kw_only=True)
-class OnRoads(Rate):
-    """Part of the natural rate (`NaturalRate`) that the page shows."""
-
-    method: str
-    plain_tests: Whole
-    interval95_per_mile: Interval | None = None
-    doubts: tuple[str, ...] = ()
-    effective_sample_size: Whole
-    cpu_seconds: float
-    acceleration: float
-
-    @property
-    def digits(self) -> int:
-        """Number of significant digits to show: the third is noise unless there are hundreds of crashes."""
-        return 3 if self.method == "mc" and super().digits == 3 else 2
-
-
-@dataclass(frozen=True, kw_only=True)
-class Summary:
-    """Part of `RunDone` that the page shows; early files may lack what has a default, and so does a single library."""
+class Summary(Declared):
+    """Part of `RunDone` that the page shows; a single library lacks what has a default."""
 
     av: str
     version: str = "unknown"
@@ -111,13 +53,14 @@ class Summary:
     seed: Whole | str = "unknown"
     bounded: bool = False
     seconds: float | None = None
-    nde: Rate | None = None
-    natural: OnRoads | None = None
+    nde: Simulated | None = None
+    natural: NaturalRate | None = None
     natural_cases: Analysed | None = None
     spending: Spending | None = None
-    generate: FilledRate | None = None
+    generate: CasesMade | None = None
     analyse: Any = None
-    baselines: tuple[Rate, ...] = ()
+    baselines: tuple[Baseline, ...] = ()
+    adversary: str = "adversary"
 
     @property
     def natural_rate(self) -> Rate | None:
@@ -126,6 +69,13 @@ class Summary:
         if rate is None or (rate.is_bound and plain is not None and (not plain.is_bound or plain.tests > rate.tests)):
             return plain
         return rate
+
+    @property
+    def rates(self) -> dict[str, Counted]:
+        """All rates, by what drives the others."""
+        plain = {one.name: one for one in self.baselines}
+        found = {self.adversary: self.generate, **plain, NATURAL_TRAFFIC: self.natural_rate}
+        return {name: one for name, one in found.items() if one is not None}
 
 
 @dataclass(frozen=True)
@@ -238,6 +188,7 @@ def library_artefacts(library: Path, out: Path) -> Artefacts:
         FileFormatError: A file is missing or damaged; the message names it and what writes it again.
     """
     from cornerforge.library import CaseLibrary
+    from cornerforge.library.filling import cases_made
 
     command = f"cornerforge report {library} --out {out}"
     cases = CaseLibrary.open(library)
@@ -255,7 +206,8 @@ def library_artefacts(library: Path, out: Path) -> Artefacts:
             bounded=bool(run.get("bounded", False)),
             natural=rate_beside(library) if found.natural is not None else None,
             natural_cases=found if found.natural is not None else None,
-            generate=None if found.natural is not None or cases.scripted else _filled_rate(cases),
+            generate=cases_made(cases) if found.natural is None and not cases.scripted and cases.tests else None,
+            adversary=str(run.get("bv", "adversary")),
         ),
         training=None,
         exposure=None,
@@ -266,14 +218,12 @@ def library_artefacts(library: Path, out: Path) -> Artefacts:
     )
 
 
-def rate_beside(library: Path) -> OnRoads | None:
+def rate_beside(library: Path) -> NaturalRate | None:
     """Read the natural rate that `rate --out` left beside its library; None if there is none."""
     file = library.parent / "rate.json"
     if not file.is_file():
         return None
-    return replace(
-        from_file(OnRoads, file, f"cornerforge rate --out {library.parent} --resume"), name="natural traffic"
-    )
+    return from_file(NaturalRate, file, f"cornerforge rate --out {library.parent} --resume")
 
 
 def per_billion_miles(cases: CaseLibrary) -> float:
@@ -285,20 +235,6 @@ def per_billion_miles(cases: CaseLibrary) -> float:
     if rate is not None and rate.crashes_per_mile and rate.crashes_per_test:
         return _BILLION * rate.crashes_per_mile / rate.crashes_per_test
     return _BILLION * METRES_PER_MILE / cases.odd.test_length
-
-
-def _filled_rate(cases: CaseLibrary) -> FilledRate | None:
-    """Give the rate of the tests that filled a library; None if it does not say how many there were."""
-    if cases.tests == 0:
-        return None
-    return FilledRate(
-        name=str(cases.identity.get("bv", "adversary")),
-        tests=cases.tests,
-        crashes_per_test=cases.crashes / cases.tests,
-        interval95=binomial_interval(cases.crashes, cases.tests),
-        av_crashes=cases.crashes,
-        cases=len(cases),
-    )
 
 
 def analyse_command(out: Path) -> str:
@@ -314,10 +250,7 @@ def _summary(file: Path, command: str) -> Summary:
     found = from_file(Summary, file, command)
     if found.nde is None or found.generate is None:
         raise FileFormatError(f'{file}: "nde, generate" are missing; write the file again with: {command}')
-    name = "natural traffic"
-    natural = found.natural if found.natural is None else replace(found.natural, name=name)
-    nde, generate = replace(found.nde, name=name), replace(found.generate, name="adversary")
-    return replace(found, nde=nde, natural=natural, generate=generate)
+    return found
 
 
 @dataclass(frozen=True)

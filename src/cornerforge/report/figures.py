@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import html
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from cornerforge.intervals import binomial_interval
 from cornerforge.report import text
-from cornerforge.report.artefacts import Points, Rate
+from cornerforge.report.artefacts import NATURAL_TRAFFIC, Points
 from cornerforge.results import Analysed
 from cornerforge.results.analysis import Coverage
 from cornerforge.results.learning import TrainingCurve
+from cornerforge.results.rates import Counted
 from cornerforge.results.whole import Exposed
 
 __all__ = [
@@ -31,7 +32,6 @@ __all__ = [
     "rate_figure",
     "share_figure",
     "training_figure",
-    "wilson_interval",
 ]
 
 Figure = dict[str, Any]
@@ -44,16 +44,16 @@ MAX_POINTS, MAX_ALL_POINTS = 3000, 12_000
 """Largest number of points drawn of a cluster, and of all, evenly taken from the list: the page stays small."""
 
 
-def rate_figure(rates: list[Rate], natural: Rate | None) -> Figure:
+def rate_figure(rates: Mapping[str, Counted]) -> Figure:
     """Crashes per test of every adversary beside natural traffic, on a log axis, with 95 % intervals.
 
     Dots instead of bars, because a bar's length means nothing on a log axis. A rate of no crash at all appears as an
     arrow that points to the left from 3 / tests.
     """
-    rows = rates if natural is None else [*rates, natural]
-    seen = [r for r in rows if not r.is_bound]
-    bounds = [r for r in rows if r.is_bound]
-    dots = _rate_marks(seen, natural) | {
+    rows = {_row_label(name, r): r for name, r in rates.items()}
+    seen = [r for r in rows.values() if not r.is_bound]
+    bounds = {label: r for label, r in rows.items() if r.is_bound}
+    dots = _rate_marks(rates, bound=False) | {
         "error_x": {
             "type": "data",
             "symmetric": False,
@@ -68,10 +68,10 @@ def rate_figure(rates: list[Rate], natural: Rate | None) -> Figure:
             "color": "css:ink",
         }
     }
-    arrows = _rate_marks(bounds, natural)
+    arrows = _rate_marks(rates, bound=True)
     arrows["marker"] |= {"symbol": "triangle-left", "size": 15}
     arrows["textposition"] = "top right"
-    lowest = min([r.interval95[0] or r.crashes_per_test / 3 for r in seen] + [r.bound / 10 for r in bounds])
+    lowest = min([r.interval95[0] or r.crashes_per_test / 3 for r in seen] + [r.bound / 10 for r in bounds.values()])
     bottom = float(np.log10(lowest)) - 1.0
     layout = _layout(height=110 + 62 * len(rows), showlegend=False, margin={"l": 10, "r": 30, "t": 20, "b": 55})
     layout["xaxis"] = _axis(
@@ -83,26 +83,27 @@ def rate_figure(rates: list[Rate], natural: Rate | None) -> Figure:
         tickangle=0,
     )
     layout["yaxis"] = _axis("", automargin=True, autorange="reversed", categoryorder="array", showgrid=False)
-    layout["yaxis"]["categoryarray"] = [_row_label(r) for r in rows]
-    layout["shapes"] = [_arrow_tail(r, lowest) for r in bounds]
+    layout["yaxis"]["categoryarray"] = list(rows)
+    layout["shapes"] = [_arrow_tail(label, r.bound, lowest) for label, r in bounds.items()]
     return {"data": [dots, arrows], "layout": layout}
 
 
 _POWERS = {"exponentformat": "power", "dtick": 1}
 
 
-def _rate_marks(rates: list[Rate], natural: Rate | None) -> dict[str, Any]:
-    """One mark a rate, with its value in words."""
+def _rate_marks(rates: Mapping[str, Counted], *, bound: bool) -> dict[str, Any]:
+    """One mark a rate of those that are bounds, or of the others, with its value in words."""
+    marked = {name: r for name, r in rates.items() if r.is_bound == bound}
     shown = [
-        f"no crash seen: below {text.rate(r.bound, 2)}" if r.is_bound else text.rate(r.crashes_per_test, r.digits)
-        for r in rates
+        f"no crash seen: below {text.rate(r.bound, 2)}" if bound else text.rate(r.crashes_per_test, r.digits)
+        for r in marked.values()
     ]
     return {
         "type": "scatter",
         "mode": "markers+text",
-        "x": [r.bound if r.is_bound else r.crashes_per_test for r in rates],
-        "y": [_row_label(r) for r in rates],
-        "marker": {"size": 13, "color": [NATURAL if r is natural else ADVERSARY for r in rates]},
+        "x": [r.bound if bound else r.crashes_per_test for r in marked.values()],
+        "y": [_row_label(name, r) for name, r in marked.items()],
+        "marker": {"size": 13, "color": [NATURAL if name == NATURAL_TRAFFIC else ADVERSARY for name in marked]},
         "text": shown,
         "textposition": "top center",
         "cliponaxis": False,
@@ -110,60 +111,43 @@ def _rate_marks(rates: list[Rate], natural: Rate | None) -> dict[str, Any]:
     }
 
 
-def _row_label(rate: Rate) -> str:
-    return f"{_wrapped(rate.name)}<br><sub>n = {text.count(rate.tests)} drives</sub>"
+def _row_label(name: str, rate: Counted) -> str:
+    return f"{_wrapped(name)}<br><sub>n = {text.count(rate.tests)} drives</sub>"
 
 
-def _arrow_tail(rate: Rate, lowest: float) -> dict[str, Any]:
-    label = _row_label(rate)
+def _arrow_tail(label: str, bound: float, lowest: float) -> dict[str, Any]:
     return {
         "type": "line",
         "xref": "x",
         "yref": "y",
         "x0": lowest,
-        "x1": rate.bound,
+        "x1": bound,
         "y0": label,
         "y1": label,
         "line": {"color": NATURAL, "width": 2, "dash": "dot"},
     }
 
 
-def wilson_interval(per_test: NDArray[np.float64], tests: NDArray[np.float64]) -> NDArray[np.float64]:
-    """95 % score interval of a share, shape (2, n), in [0, 1] (Wilson 1927).
-
-    Args:
-        per_test: Observed share, shape (n,).
-        tests: Number of tests, at least 1, shape (n,).
-
-    >>> wilson_interval(np.array([0.5]), np.array([100.0])).round(3).ravel().tolist()
-    [0.404, 0.596]
-    """
-    z2 = 1.959963984540054**2
-    centre = (per_test + z2 / (2 * tests)) / (1 + z2 / tests)
-    half = np.sqrt(z2 * per_test * (1 - per_test) / tests + z2**2 / (4 * tests**2)) / (1 + z2 / tests)
-    return np.clip(np.stack([centre - half, centre + half]), 0.0, 1.0)
-
-
-def training_figure(training: TrainingCurve, natural: Rate) -> Figure:
+def training_figure(training: TrainingCurve, natural: Counted) -> Figure:
     """Yield and exploration, and below them the loss, over the decisions that the adversary has seen."""
     known = [point for point in training.points if point.crashes_per_test is not None and point.tests]
     x = [float(point.decisions) for point in known]
-    share = np.array([point.crashes_per_test for point in known], dtype=np.float64)
-    low, high = wilson_interval(share, np.array([point.tests for point in known], dtype=np.float64))
+    share = [point.crashes_per_test for point in known]
+    ends = [binomial_interval(round((point.crashes_per_test or 0.0) * point.tests), point.tests) for point in known]
     decisions = [float(point.decisions) for point in training.points]
     loss = [point.loss for point in training.points]
     traces: list[dict[str, Any]] = [
         {
             "type": "scatter",
             "x": x + x[::-1],
-            "y": [*high.tolist(), *low[::-1].tolist()],
+            "y": [*(high for _, high in ends), *(low for low, _ in reversed(ends))],
             "fill": "toself",
             "fillcolor": "rgba(213,94,0,0.22)",
             "line": {"width": 0},
             "hoverinfo": "skip",
             "name": "95 % interval",
         },
-        _line(x, share.tolist(), "crashes per drive", color=ADVERSARY, width=2.5),
+        _line(x, share, "crashes per drive", color=ADVERSARY, width=2.5),
         _line(
             decisions,
             [point.epsilon for point in training.points],

@@ -1,4 +1,4 @@
-"""Words, grids and judgements of single cases, out of what `analyse` says, for the page."""
+"""Words, grids, judgements of single cases and verdicts on them, out of what `analyse` says, for the page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.analysis.conduct import CONDUCTS
+from cornerforge.analysis.conduct import CONDUCTS, NO_CONDUCT
 from cornerforge.results import Analysed
 from cornerforge.results.analysis import FAULTS, Avoidability, Coverage, OwnDoing, Prevented
 
@@ -29,6 +29,7 @@ __all__ = [
     "prevented_kinds",
     "read_case_judgements",
     "read_table",
+    "verdict",
 ]
 
 
@@ -179,3 +180,54 @@ def judgement_of(row: Mapping[str, Any], way_out: WayOut | None) -> CaseJudgemen
     """
     said: dict[str, Any] = {one.name: row[name] for one, name in zip(fields(CaseJudgement), JUDGED, strict=False)}
     return CaseJudgement(**said, way_out=way_out)
+
+
+def verdict(known: CaseJudgement) -> str:
+    """Say which vehicle was at fault in a case, and whether the AV could have avoided it."""
+    if known.fault == "none":
+        fault = "No rule of RSS was broken"
+    else:
+        who = {"av": "The AV", "bv": "The BV"}.get(known.fault, "Both")
+        when = "" if known.fault_s is None else f", {known.fault_s:.1f} s before contact"
+        fault = f"{who} broke a rule of RSS ({known.rule}{when})"
+    fault += f".{_conduct_in_words(known)}{_prevented_in_words(known)}"
+    if known.avoidability is None:
+        return fault
+    begun = "" if known.manoeuvre_s is None else f" The manoeuvre began {known.manoeuvre_s:.1f} s before contact."
+    return f"{fault}{begun} {_way_in_words(known)}"
+
+
+def _conduct_in_words(known: CaseJudgement) -> str:
+    """Say what the AV did wrong in a case; "" where it did nothing wrong."""
+    if known.conduct == NO_CONDUCT:
+        return ""
+    return f" The AV's own doing, from {known.conduct_s:.1f} s before contact: {CONDUCTS[known.conduct]}."
+
+
+def _prevented_in_words(known: CaseJudgement) -> str:
+    """Say which reference drivers would have prevented a case; "" where it was not judged."""
+    if known.prevented_by is None:
+        return ""
+    if known.held_speed_prevents:
+        return " To hold the speed would have been enough to prevent it."
+    if known.prevented_by == "nobody":
+        return " No reference driver would have prevented it."
+    return f" In the AV's place it would have been prevented, by braking, by {known.prevented_by}."
+
+
+_HOW = {"by both": "by braking or by steering", "by combination": "by braking and steering together"}
+
+
+def _way_in_words(known: CaseJudgement) -> str:
+    """Say until when the AV could have avoided a case that was searched for a way out."""
+    last = "" if known.latest_s is None else f"{known.latest_s:.1f} s before contact"
+    if known.avoidability == "undecided":
+        return "No way out of the AV was found, but not all could be tried."
+    if known.avoidability == "unavoidable":
+        if known.latest_s is None:
+            return "Unavoidable: the AV had no way out in the time looked at."
+        foreseen = known.manoeuvre_s is not None and known.latest_s > known.manoeuvre_s
+        when = "before the manoeuvre, so that it had to foresee it" if foreseen else "within its reaction time"
+        return f"Unavoidable: the AV's last way out began {last}, {when}."
+    how = _HOW.get(str(known.avoidability), known.avoidability)
+    return f"The AV could have avoided the crash {how}" + (f"; its last way out began {last}." if last else ".")

@@ -14,7 +14,6 @@ from cornerforge.report import figures, tables, text
 from cornerforge.report.artefacts import (
     Artefacts,
     Emptiness,
-    Rate,
     analyse_command,
     library_artefacts,
     read_artefacts,
@@ -30,14 +29,15 @@ from cornerforge.report.judged import (
     kind_counts,
     prevented_kinds,
     read_case_judgements,
+    verdict,
 )
 from cornerforge.report.kinds import kind_in_words
 from cornerforge.report.natural_cases import read_natural_cases
 from cornerforge.report.rendering import PLAYER, content_policy, environment, template, write_page
 from cornerforge.report.road import on_road, road_rate
-from cornerforge.report.verdict import verdict
 from cornerforge.results import Analysed
 from cornerforge.results.analysis import PARTS, Natural
+from cornerforge.results.rates import Counted
 from cornerforge.types import Scenario
 
 __all__ = ["charts_of", "write_library_report", "write_report"]
@@ -268,7 +268,7 @@ def _groups(cases: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
     return groups
 
 
-def _ratio(adversary: Rate | None, natural: Rate | None) -> str:
+def _ratio(adversary: Counted | None, natural: Counted | None) -> str:
     """Say how many times more often the AV crashes in a test with the adversary, and how sure that is."""
     if adversary is None or natural is None:
         return ""
@@ -298,7 +298,7 @@ def charts_of(artefacts: Artefacts, animated: set[str]) -> dict[str, figures.Fig
     }
     natural = summary.natural_rate
     if summary.generate is not None:
-        made["rates"] = figures.rate_figure([summary.generate, *summary.baselines], natural)
+        made["rates"] = figures.rate_figure(summary.rates)
     if artefacts.training is not None and natural is not None:
         made["training"] = figures.training_figure(artefacts.training, natural)
     if analysis.own_doing is not None:
@@ -332,8 +332,7 @@ def _tables(artefacts: Artefacts, natural: Natural | None) -> dict[str, tables.T
         "loadings": tables.loading_table(analysis),
         "provenance": tables.provenance_table(artefacts.provenance),
     }
-    rates = [summary.generate, *summary.baselines, summary.natural_rate]
-    made["rates"] = tables.rate_table([rate for rate in rates if rate is not None])
+    made["rates"] = tables.rate_table(summary.rates)
     if artefacts.training is not None:
         made["training"] = tables.training_table(artefacts.training)
     if natural is not None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from cornerforge.report import text
-from cornerforge.report.artefacts import OnRoads, Rate, Summary
+from cornerforge.report.artefacts import Summary
+from cornerforge.results import NaturalRate
 from cornerforge.results.analysis import Natural, NaturalKind
+from cornerforge.results.rates import Rate
 
 __all__ = ["RoadRate", "on_road", "road_rate"]
 
@@ -52,7 +54,7 @@ def road_rate(summary: Summary) -> RoadRate | None:
     """
     rate = summary.natural_rate
     found = None if summary.natural_cases is None else summary.natural_cases.natural
-    if found is not None and not isinstance(rate, OnRoads):
+    if found is not None and not isinstance(rate, NaturalRate):
         n = f"n = {text.count(found.all.cases)} crashes"
         if found.all.cases - found.effective_cases > 0.5:
             n += f", which tell as much as {text.count(found.effective_cases)} of equal weight"
@@ -60,8 +62,6 @@ def road_rate(summary: Summary) -> RoadRate | None:
     if rate is None or rate.interval95[1] == 0.0:
         return None
     each = _miles_a_test(rate)
-    if each is None:
-        return None
     low, high = rate.interval95
     return RoadRate(
         miles=each / rate.crashes_per_test if rate.crashes_per_test > 0.0 else None,
@@ -69,23 +69,23 @@ def road_rate(summary: Summary) -> RoadRate | None:
         high=each / low if low > 0.0 else None,
         basis=_basis(rate),
         driven=rate.miles if rate.is_bound else None,
-        doubts=rate.doubts if isinstance(rate, OnRoads) else (),
+        doubts=rate.doubts if isinstance(rate, NaturalRate) else (),
     )
 
 
-def _miles_a_test(rate: Rate) -> float | None:
-    """Return the miles that the AV drives in a test; None: not known."""
+def _miles_a_test(rate: Rate) -> float:
+    """Return the miles that the AV drives in a test."""
     if rate.crashes_per_mile:
         return rate.crashes_per_test / rate.crashes_per_mile
-    if isinstance(rate, OnRoads) and rate.interval95_per_mile is not None and rate.interval95_per_mile[1] > 0.0:
+    if isinstance(rate, NaturalRate) and rate.interval95_per_mile is not None and rate.interval95_per_mile[1] > 0.0:
         return rate.interval95[1] / rate.interval95_per_mile[1]
-    return None if rate.miles is None else rate.miles / rate.tests
+    return rate.miles / rate.tests
 
 
 def _basis(rate: Rate) -> str:
     """Say what a rate rests on."""
     tests = text.count(rate.tests)
-    if not isinstance(rate, OnRoads) or rate.method == "mc":
+    if not isinstance(rate, NaturalRate) or rate.method == "mc":
         return f"{text.count(rate.crashes_per_test * rate.tests)} crashes in n = {tests} simulated drives"
     if rate.is_bound:
         return f"0 crashes in n = {text.count(rate.plain_tests)} simulated drives"

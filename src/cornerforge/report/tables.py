@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from cornerforge.analysis.conduct import CONDUCTS
 from cornerforge.intervals import binomial_interval
 from cornerforge.report import text
-from cornerforge.report.artefacts import Rate
 from cornerforge.report.figures import density
 from cornerforge.report.judged import FAULT_WORDS
 from cornerforge.report.kinds import kind_in_words
-from cornerforge.results import Analysed
+from cornerforge.results import Analysed, NaturalRate, Simulated
 from cornerforge.results.analysis import Coverage, Judges, Natural
+from cornerforge.results.driving import CasesMade
 from cornerforge.results.learning import TrainingCurve
+from cornerforge.results.rates import Counted, Rate
 from cornerforge.results.whole import Exposed
 
 __all__ = [
@@ -52,25 +53,27 @@ class Table:
     rows: list[list[str]]
 
 
-def rate_table(rates: list[Rate]) -> Table:
-    """Crash rates with their intervals."""
+def rate_table(rates: Mapping[str, Counted]) -> Table:
+    """Crash rates with their intervals, by what drives the others."""
     head = ["who drives the others", "drives", "crashes", "crashes per drive", "95 % interval", "crashes per mile"]
     rows = [
         [
-            r.name,
+            name,
             text.count(r.tests),
-            "–" if r.av_crashes is None else text.count(r.av_crashes),
+            text.count(r.av_crashes) if isinstance(r, CasesMade | Simulated | NaturalRate) else "–",
             f"below {text.rate(r.bound, 2)}" if r.is_bound else text.rate(r.crashes_per_test, r.digits),
             text.interval(*r.interval95, r.digits),
             _per_mile(r),
         ]
-        for r in rates
+        for name, r in rates.items()
     ]
     return Table("Crashes of the AV; the unit is the drive", head, rows)
 
 
-def _per_mile(rate: Rate) -> str:
+def _per_mile(rate: Counted) -> str:
     """Crashes per mile; where none was seen, what they are below."""
+    if not isinstance(rate, Rate):
+        return "–"
     if rate.is_bound:
         return "–" if not rate.miles else f"below {text.rate(rate.bound * rate.tests / rate.miles, 2)}"
     return "–" if rate.crashes_per_mile is None else text.rate(rate.crashes_per_mile)

@@ -1,8 +1,9 @@
-"""Results of verbs: frozen dataclasses whose fields say their unit and meaning, and are the keys of `--json`.
+"""Results of verbs: classes of declared fields (`_schema.Declared`) that say unit and meaning, the keys of `--json`.
 
 A field's name is its key, and the order of fields is that of the keys; a class that is made of others has the fields of
 the last of its bases first. `as_json` makes from them what `--json` prints; docs/results-json.md is made of them, too.
-The package gives what verbs return; the modules hold the parts of it.
+The package gives what verbs return; the modules hold the parts of it, and all their names without an underscore are
+for others.
 """
 
 from __future__ import annotations
@@ -16,8 +17,7 @@ if TYPE_CHECKING:
     from cornerforge.results.avs import AvChecked, Avs
     from cornerforge.results.cases import Plausibility, Queried, Replayed, ShrunkLibrary, Varied
     from cornerforge.results.driving import Filled, NaturalRate, Simulated
-    from cornerforge.results.from_data import CasesFromData
-    from cornerforge.results.imported import ImportedCases
+    from cornerforge.results.imported import CasesFromData, ImportedCases
     from cornerforge.results.learning import Trained, TrainedAv
     from cornerforge.results.naturalistic import NddFitted, NddImported, NddShown
     from cornerforge.results.r157 import Regulated
@@ -76,7 +76,7 @@ __all__ = [
 _PLACES = {
     "analysis": ("Analysed",), "avs": ("AvChecked", "Avs"),
     "cases": ("Plausibility", "Queried", "Replayed", "ShrunkLibrary", "Varied"),
-    "driving": ("Filled", "NaturalRate", "Simulated"), "from_data": ("CasesFromData",), "imported": ("ImportedCases",),
+    "driving": ("Filled", "NaturalRate", "Simulated"), "imported": ("CasesFromData", "ImportedCases"),
     "learning": ("Trained", "TrainedAv"), "naturalistic": ("NddFitted", "NddImported", "NddShown"),
     "r157": ("Regulated",), "reproduction": ("Reproduced",), "retest": ("Retested",),
     "stating": ("as_json", "from_json"), "suite": ("SuiteBuilt",), "validation": ("NddValidated",),

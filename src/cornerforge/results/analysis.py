@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, Literal, get_args
 
-from cornerforge._schema import Share, Whole, meant
+from cornerforge._schema import Declared, Share, Whole, meant
 from cornerforge.results.rates import Interval
 
 __all__ = [
@@ -41,8 +40,7 @@ PARTS = ("own_doing", "avoidability", "severity", "novelty")
 _CASES = meant("Cases that were analysed.")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Cluster:
+class Cluster(Declared):
     """One K-means cluster of the majority or the minority."""
 
     id: Annotated[Whole, meant("From 0: the majority's clusters by size, then the minority's.")]
@@ -52,8 +50,7 @@ class Cluster:
     crash_types: Annotated[dict[str, Whole], meant("Cases by crash type, only those that occur.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ClusterChoice:
+class ClusterChoice(Declared):
     """Why a group has as many clusters as it has."""
 
     k: Annotated[Whole, meant("Number of clusters, 1 to 8.")]
@@ -66,8 +63,7 @@ class ClusterChoice:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Avoidability:
+class Avoidability(Declared):
     """Shares of the drawn cases with a way out."""
 
     cases: Annotated[Whole, meant("Cases drawn, for which a way out was searched.")]
@@ -85,8 +81,7 @@ class Avoidability:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class PreventedShare:
+class PreventedShare(Declared):
     """How many crashes a reference driver would have prevented."""
 
     cases: Annotated[Whole, meant("Cases that it would have prevented.")]
@@ -95,8 +90,7 @@ class PreventedShare:
     by_braking: Annotated[Whole, meant("Of `cases` those in which holding the speed is not enough.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Prevented:
+class Prevented(Declared):
     """Crashes that reference drivers would have prevented in the AV's place (docs/adr/0039)."""
 
     cases: Annotated[Whole, meant("Cases that were judged.")]
@@ -105,8 +99,7 @@ class Prevented:
     held: Annotated[Whole, meant("Cases in which holding the speed is enough, whoever drives.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShareAtReaction:
+class ShareAtReaction(Declared):
     """How many of the cases a judge calls preventable at one reaction time."""
 
     reaction_s: Annotated[float, meant("From the begin of the manoeuvre, or from seeing danger.", "s")]
@@ -115,8 +108,7 @@ class ShareAtReaction:
     interval95: Annotated[Interval, meant("Exact interval of `share`.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Judges:
+class Judges(Declared):
     """The judges against each other on the drawn cases (docs/adr/0044): reference drivers, ways out, a held speed."""
 
     cases: Annotated[Whole, meant("Cases drawn that all of them judged.")]
@@ -144,8 +136,7 @@ class Judges:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class FlawShown:
+class FlawShown(Declared):
     """A flaw of the AV that its crashes show."""
 
     flaw: Annotated[str, meant("Its name, of `analysis.flaw.FLAWS`.")]
@@ -159,8 +150,7 @@ class FlawShown:
     typical: Annotated[tuple[str, ...], meant("Up to five case ids that show it, most valuable first.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class OwnDoing:
+class OwnDoing(Declared):
     """The AV's own mistakes (docs/adr/0041)."""
 
     text: Annotated[str, meant("What it does wrong, in a sentence; or that nothing was found.")]
@@ -168,8 +158,7 @@ class OwnDoing:
     conducts: Annotated[dict[str, Whole], meant("Cases by what the AV did wrong in them, only those that occur.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class TopCase:
+class TopCase(Declared):
     """A case that is worth a look, with the parts of its value (docs/adr/0017)."""
 
     case_id: Annotated[str, meant("Name of the case, seed:test.")]
@@ -192,16 +181,14 @@ class TopCase:
     text: Annotated[str, meant("What happened, in a sentence.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ValueFound:
+class ValueFound(Declared):
     """Case to look at first."""
 
     weights: Annotated[dict[str, float], meant("Weight of each part of a value; they sum to 1.")]
     top: Annotated[tuple[TopCase, ...], meant("Up to ten cases, most valuable first.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Coverage:
+class Coverage(Declared):
     """Kinds of crash that were seen, and how likely the next case is of a new one."""
 
     cases: Annotated[Whole, meant("Cases that were put into cells.")]
@@ -215,8 +202,7 @@ class Coverage:
     unseen_kind_interval95: Annotated[Interval, meant("Interval of `unseen_kind_chance`.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class NaturalKind:
+class NaturalKind(Declared):
     """How often crashes of one kind happen in natural traffic."""
 
     cases: Annotated[Whole, meant("Cases of this kind.")]
@@ -227,8 +213,7 @@ class NaturalKind:
     interval95_miles: Annotated[Interval, meant("Interval of `miles_between`.", "miles")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Natural:
+class Natural(Declared):
     """How often the crashes of a library happen in natural traffic; each dictionary begins with the most frequent."""
 
     effective_cases: Annotated[float, meant("Cases that would tell as much if all weighed the same.")]
@@ -265,8 +250,7 @@ class Natural:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Analysed:
+class Analysed(Declared):
     """Kinds of crash in a library, typical and rare cases, and what each is worth."""
 
     cases: Annotated[Whole, _CASES]

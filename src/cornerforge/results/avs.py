@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
 
-from cornerforge._schema import Whole, meant
+from cornerforge._schema import Declared, Whole, meant
 
 __all__ = ["AvAbout", "AvCheck", "AvChecked", "AvDoes", "AvSpeed", "Avs"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class AvAbout:
+class AvAbout(Declared):
     """A built-in AV."""
 
     name: Annotated[str, meant("What `--av` takes.")]
     about: Annotated[str, meant("What it is, in a line.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Avs:
+class Avs(Declared):
     """The built-in AVs."""
 
     avs: Annotated[tuple[AvAbout, ...], meant("All of them.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class AvCheck:
+class AvCheck(Declared):
     """Result of one trial of an AV."""
 
     name: Annotated[str, meant("Of the trial.")]
@@ -35,8 +31,7 @@ class AvCheck:
     trace: Annotated[str | None, meant("The AV's whole traceback, where it raised.")] = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class AvSpeed:
+class AvSpeed(Declared):
     """How fast an AV answers, the way to its process included."""
 
     worlds: Annotated[Whole, meant("Worlds in a call: 1, 64 or 256; fewer sizes of a slow AV.")]
@@ -44,8 +39,7 @@ class AvSpeed:
     decisions_per_second: Annotated[float, meant("Calls times worlds.", "1/s")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class AvDoes:
+class AvDoes(Declared):
     """Work that an AV's speed allows, about: tests to their ends, and no more processes than cores."""
 
     answer_seconds: Annotated[float, meant("Time of an answer in one world, of so many together.", "s")]
@@ -56,8 +50,7 @@ class AvDoes:
     advice: Annotated[str, meant("How long a training takes, and what to use, in words.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class AvChecked:
+class AvChecked(Declared):
     """An AV from outside, tried on edge cases."""
 
     av: Annotated[str, meant("As it was named.")]

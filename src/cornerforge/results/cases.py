@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, Any
 
-from cornerforge._schema import Whole, meant
+from cornerforge._schema import Declared, Whole, meant
 from cornerforge.results.learning import AV_FAULTS, BOUNDED, BUDGET, POLICY_HASH
 from cornerforge.results.rates import Interval, Yield
 
@@ -26,8 +25,7 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Replayed:
+class Replayed(Declared):
     """A case, or all cases, driven again."""
 
     case: Annotated[str, meant('Case id, or "all".')]
@@ -42,8 +40,7 @@ class Replayed:
     video: Annotated[str | None, meant("File of the film; with `--video`.")] = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Queried:
+class Queried(Declared):
     """A table: the answer to SQL."""
 
     columns: Annotated[tuple[str, ...], meant("Names of the columns.")]
@@ -53,8 +50,7 @@ class Queried:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class CaseSize:
+class CaseSize(Declared):
     """How large a case is."""
 
     vehicles: Annotated[Whole, meant("Vehicles in it, the AV among them.")]
@@ -66,8 +62,7 @@ class CaseSize:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class MedianSize:
+class MedianSize(Declared):
     """Medians over cases."""
 
     vehicles: Annotated[float, meant("Vehicles in a case.")]
@@ -76,16 +71,14 @@ class MedianSize:
     deviating_actions: Annotated[float, meant("Actions of BVs that are not the likeliest.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class CaseMedians:
+class CaseMedians(Declared):
     """How much smaller cases became."""
 
     before: Annotated[MedianSize, meant("Of the whole cases.")]
     after: Annotated[MedianSize, meant("Of the shrunk ones.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShrunkCase:
+class ShrunkCase(Declared):
     """A case before and after."""
 
     case: Annotated[str, meant("Case id, the same in both libraries.")]
@@ -98,8 +91,7 @@ class ShrunkCase:
     after: Annotated[CaseSize, meant("The shrunk one.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShrunkLibrary:
+class ShrunkLibrary(Declared):
     """The smallest forms of cases."""
 
     library: Annotated[str, meant("Folder of the library of shrunk cases.")]
@@ -108,8 +100,7 @@ class ShrunkLibrary:
     median: Annotated[CaseMedians, meant("Medians over these.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class VarietyRow:
+class VarietyRow(Declared):
     """How many kinds of crash a library holds, or a way to generate gives."""
 
     name: Annotated[str, meant("The library, or policy and how it acts.")]
@@ -130,16 +121,14 @@ class VarietyRow:
     cells: Annotated[dict[str, Whole], meant("Cases of each filled cell, fullest first.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Varied:
+class Varied(Declared):
     """Kinds of crash, a row for each library or way to generate."""
 
     rows: Annotated[tuple[VarietyRow, ...], meant("In the order of the command line.")]
     first_test: Annotated[Whole | None, meant("Number of the first test; with `--policy`.")] = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class _PlausibilityTraining:
+class _PlausibilityTraining(Declared):
     """Identity of a training."""
 
     train_seed: Annotated[Whole, meant("Seed of the training.")]
@@ -149,7 +138,6 @@ class _PlausibilityTraining:
     av_faults: Annotated[Whole, AV_FAULTS]
 
 
-@dataclass(frozen=True, kw_only=True)
 class PlausibilityRun(Yield, _PlausibilityTraining):
     """One policy: its yield, and how plausible its part in the crashes is."""
 
@@ -165,8 +153,7 @@ class PlausibilityRun(Yield, _PlausibilityTraining):
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class PlausibilityRow:
+class PlausibilityRow(Declared):
     """The policies of one budget."""
 
     budget: Annotated[float | None, BUDGET]
@@ -174,8 +161,7 @@ class PlausibilityRow:
     runs: Annotated[tuple[PlausibilityRun, ...], meant("One for each training seed.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class NaturalPlausibility:
+class NaturalPlausibility(Declared):
     """The same of natural drivers: the BV nearest to the AV in each second, over whole tests."""
 
     tests: Annotated[Whole, meant("Tests driven.")]
@@ -185,8 +171,7 @@ class NaturalPlausibility:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Plausibility:
+class Plausibility(Declared):
     """Yield against plausibility."""
 
     rows: Annotated[

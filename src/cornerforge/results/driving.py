@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cornerforge._schema import Share, Whole, meant
+from cornerforge._schema import Declared, Whole, meant
 from cornerforge.results.analysis import CrashType
-from cornerforge.results.rates import INTERVAL95, PER_TEST, TESTS, Interval, Rate
+from cornerforge.results.rates import Counted, Interval, Rate
 
 __all__ = [
-    "BvMilesEstimate", "Cost", "CrashCircumstances", "Distributions", "Effort", "Filled", "KindRate",
-    "ModelUncertainty", "NaturalRate", "Quantity", "Simulated",
-]  # fmt: skip
+    "BvMilesEstimate",
+    "CasesMade",
+    "Cost",
+    "CrashCircumstances",
+    "Distributions",
+    "Effort",
+    "Filled",
+    "KindRate",
+    "ModelUncertainty",
+    "NaturalRate",
+    "Quantity",
+    "Simulated",
+]
 
 _AV_CRASHES = meant("Tests that ended in a crash of the AV.")
 _AV_FAULTS = meant("Tests left out, because an AV from outside raised, hung or gave no usable answer; 0 if built in.")
@@ -23,8 +32,7 @@ TtcLimit = Literal["3", "4", "5", "10", "15", "20"]
 Percent = Literal["1", "5", "25", "50", "75", "95", "99"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Quantity:
+class Quantity(Declared):
     """How a quantity is distributed over all BVs at decision times, exact to half a bin."""
 
     unit: Annotated[str, meant("Of mean, sd and quantiles.")]
@@ -36,8 +44,7 @@ class Quantity:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Distributions:
+class Distributions(Declared):
     """Distributions of the traffic of BVs (`simulate --stats`)."""
 
     speed: Annotated[Quantity, meant("Speed along the road.")]
@@ -58,7 +65,6 @@ class Distributions:
     bv_miles: Annotated[float, meant("Distance that all BVs drove.", "miles")]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Simulated(Rate):
     """Counts of tests."""
 
@@ -77,22 +83,22 @@ class Simulated(Rate):
     library: Annotated[str | None, meant("Folder of the library; with `--out`.")] = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Filled:
-    """A case library, and how often the tests that were driven for it ended in a crash."""
+class CasesMade(Counted):
+    """Cases of a library, and how often the tests that were driven for it ended in a crash."""
 
     cases: Annotated[Whole, meant("Cases in the library.")]
-    tests: Annotated[Whole, TESTS]
     av_crashes: Annotated[Whole, _AV_CRASHES]
+
+
+class Filled(CasesMade):
+    """A case library, and how often the tests that were driven for it ended in a crash."""
+
     av_faults: Annotated[Whole, _AV_FAULTS]
-    crashes_per_test: Annotated[Share, PER_TEST]
-    interval95: Annotated[Interval, INTERVAL95]
     seconds: Annotated[float, _SECONDS]
     library: Annotated[str, _LIBRARY]
 
 
-@dataclass(frozen=True, kw_only=True)
-class BvMilesEstimate:
+class BvMilesEstimate(Declared):
     """Sample from which the distance of the BVs is known."""
 
     tests: Annotated[Whole, meant("Tests of the sample, 4096 at most.")]
@@ -101,8 +107,7 @@ class BvMilesEstimate:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class CrashCircumstances:
+class CrashCircumstances(Declared):
     """Crashes with something that matters to their reading; these overlap."""
 
     at_start: Annotated[Whole, meant("Less than 4 s after the start of the test.")]
@@ -113,8 +118,7 @@ class CrashCircumstances:
     looked_away: Annotated[Whole, meant("The partner's driver looked away from the road in the last 5 s.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class _RatedAv:
+class _RatedAv(Declared):
     """AV and method of a rate."""
 
     method: Annotated[str, meant('"mc", plain Monte Carlo; "splitting", trees of tests; "is", importance sampling.')]
@@ -124,16 +128,14 @@ class _RatedAv:
     lanes: Annotated[Whole, meant("Lanes of the road, 2 to 6.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Cost:
+class Cost(Declared):
     """Cost of a part of the work."""
 
     tests: Annotated[Whole, meant("Tests, or trees of tests.")]
     cpu_seconds: Annotated[float, meant("Time on processors, over all threads and sessions.", "s")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Effort:
+class Effort(Declared):
     """Cost of a rate, part by part; for mc all of it is plain."""
 
     plain: Annotated[Cost, meant("Tests as nature has them.")]
@@ -141,8 +143,7 @@ class Effort:
     estimation: Annotated[Cost, meant("Trees or weighted tests that the rate comes from.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class KindRate:
+class KindRate(Declared):
     """How often one kind of crash happens in nature."""
 
     crashes: Annotated[Whole, meant("Crashes of this kind that were looked at.")]
@@ -153,8 +154,7 @@ class KindRate:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ModelUncertainty:
+class ModelUncertainty(Declared):
     """How uncertain a rate is because the naturalistic model is, from rates in models drawn about it (ADR 34)."""
 
     draws: Annotated[Whole, meant("Models drawn.")]
@@ -193,7 +193,6 @@ class ModelUncertainty:
     cost: Annotated[Cost, meant("What it took; not part of `effort`, `seconds` and `cpu_seconds` of the rate.")]
 
 
-@dataclass(frozen=True, kw_only=True)
 class NaturalRate(Rate, _RatedAv):
     """The AV's natural crash rate, with what kinds of crash it is made of.
 
@@ -276,3 +275,8 @@ class NaturalRate(Rate, _RatedAv):
             "was a crash. Missing: `interval95` is of sampling alone."
         ),
     ] = None
+
+    @property
+    def digits(self) -> int:
+        """Number of significant digits to show; of trees and weighted tests two."""
+        return super().digits if self.method == "mc" else 2

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, Any
 
-from cornerforge._schema import Share, Whole, meant
+from cornerforge._schema import Declared, Share, Whole, meant
 from cornerforge.results.rates import Rate, Yield
 
 __all__ = ["Baseline", "Learned", "LearnedPolicy", "Trained", "TrainedAv", "TrainingCurve", "TrainingPoint"]
@@ -17,8 +16,7 @@ AV_FAULTS = meant("Tests of the training that were abandoned because an AV from 
 PRESET = meant('Settings of the training, "fast" or "paper".')
 
 
-@dataclass(frozen=True, kw_only=True)
-class Learned:
+class Learned(Declared):
     """How long a training was."""
 
     decisions: Annotated[Whole, meant("Decisions learnt from, one a second of driving; whole iterations.")]
@@ -26,7 +24,6 @@ class Learned:
     seconds: Annotated[float, meant("Wall-clock of the training; 0 where a finished one was kept.", "s")]
 
 
-@dataclass(frozen=True, kw_only=True)
 class LearnedPolicy(Learned):
     """A policy that was trained, not yet measured."""
 
@@ -35,7 +32,6 @@ class LearnedPolicy(Learned):
     av_faults: Annotated[Whole, AV_FAULTS]
 
 
-@dataclass(frozen=True, kw_only=True)
 class _Training(Learned):
     """How it was trained."""
 
@@ -47,20 +43,17 @@ class _Training(Learned):
     delay_s: Annotated[float, meant("Time that the AV has to react, for avoidable crashes.", "s")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Named:
+class _Named(Declared):
     """Adversary that is measured."""
 
     name: Annotated[str, meant('Such as "swerve" and "swerve, bounded".')]
     bounded: Annotated[bool, BOUNDED]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Baseline(Yield, _Named):
     """Yield of a plain adversary on the same tests."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class Trained(Yield, _Training):
     """A trained adversary, measured on tests that no training uses, with the plain ones beside it."""
 
@@ -71,7 +64,6 @@ class Trained(Yield, _Training):
     out: Annotated[str, meant("File of the policy.")]
 
 
-@dataclass(frozen=True, kw_only=True)
 class TrainedAv(Rate, Learned):
     """A trained AV, measured in natural traffic that it never saw."""
 
@@ -80,8 +72,7 @@ class TrainedAv(Rate, Learned):
     out: Annotated[str, meant("File of the AV.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrainingPoint:
+class TrainingPoint(Declared):
     """One point of a training curve, over the tests that ended since the point before.
 
     The tests explore, at random only: tests of guided worlds (`DqnConfig.guided`) are not counted.
@@ -112,8 +103,7 @@ class TrainingPoint:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrainingCurve:
+class TrainingCurve(Declared):
     """How an adversary learnt; `training.json` of a run."""
 
     preset: Annotated[str, PRESET]

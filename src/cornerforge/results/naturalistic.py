@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
 
-from cornerforge._schema import Whole, meant
+from cornerforge._schema import Declared, Whole, meant
 from cornerforge.results.rates import Interval
 
 __all__ = [
@@ -43,8 +42,7 @@ _PUBLISHED = meant("Published quantiles (IVBSS), by the same percents.", "as the
 Table = tuple[tuple[tuple[float, ...], ...], ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShownFollowing:
+class ShownFollowing(Declared):
     """Accelerations of a model's drivers behind a leader."""
 
     speed_mps: Annotated[tuple[float, ...], _SPEEDS]
@@ -54,8 +52,7 @@ class ShownFollowing:
     sd_mps2: Annotated[Table, meant("Standard deviation, by speed, gap and range rate.", "m/s2")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShownSupport:
+class ShownSupport(Declared):
     """How many of the 31 accelerations are possible in the states of a model."""
 
     following_possible_min: Annotated[Whole, meant("Fewest in a following state.")]
@@ -69,8 +66,7 @@ class ShownSupport:
     free_possible_max: Annotated[Whole, meant("Most at a speed of free flow.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class PublishedFree:
+class PublishedFree(Declared):
     """Published accelerations in free flow at one speed (IVBSS)."""
 
     speed_mps: Annotated[float, meant("The speed.", "m/s")]
@@ -79,8 +75,7 @@ class PublishedFree:
     mean_mps2: Annotated[tuple[float, float], meant("Ends of the range of the mean.", "m/s2")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShownFreeFlow:
+class ShownFreeFlow(Declared):
     """Accelerations of a model's drivers without a leader."""
 
     speed_mps: Annotated[tuple[float, ...], meant("All speeds of the grid.", "m/s")]
@@ -94,8 +89,7 @@ class ShownFreeFlow:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShownLaneChanges:
+class ShownLaneChanges(Declared):
     """How a model's drivers change lanes."""
 
     base_per_decision_and_side: Annotated[
@@ -133,8 +127,7 @@ class ShownLaneChanges:
     away_again: Annotated[float, meant("Chance to look away in the next second too, 0 to 1.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShownSpeeds:
+class ShownSpeeds(Declared):
     """Speeds at the start."""
 
     mean: Annotated[float, meant("Mean.", "m/s")]
@@ -143,16 +136,14 @@ class ShownSpeeds:
     published: Annotated[dict[str, float], _PUBLISHED]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShownQuantiles:
+class ShownQuantiles(Declared):
     """Quantiles of gaps or time gaps at the start."""
 
     quantiles: Annotated[dict[str, float], _QUANTILES]
     published: Annotated[dict[str, float], _PUBLISHED]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShownInitial:
+class ShownInitial(Declared):
     """Traffic at the start of a test."""
 
     parameters: Annotated[dict[str, float], meant("Parameters of its law, by name.", "as its name says")]
@@ -163,8 +154,7 @@ class ShownInitial:
     follow_share: Annotated[float, meant("Share of vehicles that follow, 0 to 1.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShownCounts:
+class ShownCounts(Declared):
     """Recorded decisions that a model rests on."""
 
     following_decisions: Annotated[Whole, meant("Decisions counted behind a leader.")]
@@ -180,8 +170,7 @@ class ShownCounts:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShownOrigin:
+class ShownOrigin(Declared):
     """Where a model comes from, as its file says."""
 
     made_by: Annotated[str | None, meant("Program and version; null: not stated.")]
@@ -191,8 +180,7 @@ class ShownOrigin:
     filled: Annotated[tuple[str, ...], meant("What an import took from another model, in plain words.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class NddShown:
+class NddShown(Declared):
     """Key numbers of a naturalistic model, read off its tables at grid points."""
 
     model: Annotated[str, meant("File of the model.")]
@@ -211,8 +199,7 @@ class NddShown:
     figures: Annotated[tuple[str, ...], meant("Files of the figures; none without `--out`; not in `numbers.json`.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class NddImported:
+class NddImported(Declared):
     """A naturalistic model made of published arrays, and what came from where."""
 
     files: Annotated[
@@ -231,16 +218,14 @@ class NddImported:
     out: Annotated[str, _OUT]
 
 
-@dataclass(frozen=True, kw_only=True)
-class BadRows:
+class BadRows(Declared):
     """Rows of a file that were left out for one reason."""
 
     rows: Annotated[Whole, meant("How many.")]
     first_line: Annotated[Whole, meant("Line of the first, from 1.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class HeldOutScore:
+class HeldOutScore(Declared):
     """How likely a fit holds the decisions of one file that it has not seen."""
 
     law: Annotated[
@@ -251,8 +236,7 @@ class HeldOutScore:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class FittedLaneNumber:
+class FittedLaneNumber(Declared):
     """One parameter of lane changes, fitted."""
 
     estimate: Annotated[float, meant("Where the penalised likelihood is greatest.", "`unit`")]
@@ -264,8 +248,7 @@ class FittedLaneNumber:
     unit: Annotated[str, meant('Unit of these numbers, "" for none.')]
 
 
-@dataclass(frozen=True, kw_only=True)
-class FittedLaneChanges:
+class FittedLaneChanges(Declared):
     """Where the lane changes of a fitted model come from."""
 
     fitted: Annotated[bool, meant("They were fitted to these files; else they are the shipped prior.")]
@@ -284,8 +267,7 @@ class FittedLaneChanges:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class FittedPart:
+class FittedPart(Declared):
     """Source of a part of a fitted model."""
 
     name: Annotated[str, meant("The part, in words.")]
@@ -293,8 +275,7 @@ class FittedPart:
     why: Annotated[str, meant("On how many data, or why it stays the prior.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class FitTraffic:
+class FitTraffic(Declared):
     """How often the traffic of a fit crashes, with the AV `idm-mobil` among it."""
 
     tests: Annotated[Whole, meant("Tests driven.")]
@@ -307,8 +288,7 @@ class FitTraffic:
     bv_interval95: Annotated[Interval, meant("Its exact interval (Garwood).", "per BV-mile")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class FitVariant:
+class FitVariant(Declared):
     """The same files fitted with one choice changed."""
 
     variant: Annotated[str, meant("What was changed, in words; the fit itself is the first.")]
@@ -324,8 +304,7 @@ class FitVariant:
     traffic: Annotated[FitTraffic | None, meant("How often its traffic crashes; null: it was not driven.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class NddFitted:
+class NddFitted(Declared):
     """A naturalistic model fitted to trajectories: what went in and what came out."""
 
     rows_read: Annotated[Whole, meant("Rows of all files.")]

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
 
-from cornerforge._schema import Share, Whole, meant
+from cornerforge._schema import Declared, Share, Whole, meant
 
 __all__ = ["Regulated", "RegulatedFamily", "RegulatedPair", "RegulatedRoads"]
 
 _NO_INTERVAL = "A grid is no sample, so there is no interval."
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Verdicts:
+class _Verdicts(Declared):
     """Outcomes of an AV and of the reference drivers in some scenarios."""
 
     scenarios: Annotated[Whole, meant("Scenarios that the AV drove.")]
@@ -28,8 +26,7 @@ class _Verdicts:
     reference_crashes: Annotated[dict[str, Whole], meant("Crashes of each reference driver in all the scenarios.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class RegulatedRoads:
+class RegulatedRoads(Declared):
     """How cut-ins of one closing speed lie on real roads, and what becomes of them; by a fit to recorded ones."""
 
     at_least: Annotated[
@@ -44,7 +41,6 @@ class RegulatedRoads:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
 class RegulatedPair(_Verdicts):
     """One family and one pair of speeds."""
 
@@ -58,7 +54,6 @@ class RegulatedPair(_Verdicts):
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
 class RegulatedFamily(_Verdicts):
     """One family of scenarios."""
 
@@ -66,7 +61,6 @@ class RegulatedFamily(_Verdicts):
     share_failed: Annotated[Share, meant(f"Of its scenarios, from 0 to 1. {_NO_INTERVAL}")]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Regulated(_Verdicts):
     """An AV in the scenarios of UN Regulation 157."""
 

@@ -2,28 +2,47 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
 
-from cornerforge._schema import Share, Whole, meant
+from cornerforge._schema import Declared, Share, Whole, meant
 
-__all__ = ["INTERVAL95", "PER_TEST", "TESTS", "Interval", "Rate", "Yield"]
+__all__ = ["Counted", "Interval", "Rate", "Yield"]
 
 Interval = tuple[float, float]
 """Low and high of a 95 % interval."""
 
-TESTS = meant("Tests (AV drives of 400 m) that count; those that an AV from outside spoiled do not.")
-PER_TEST = meant("Share of the tests in which the AV crashed, 0 to 1.", "per test")
-INTERVAL95 = meant("Exact interval of `crashes_per_test` (Clopper-Pearson); low is 0 with no crash.", "per test")
+
+class Counted(Declared):
+    """How often the AV crashes in a test, with what it is counted over."""
+
+    tests: Annotated[
+        Whole, meant("Tests (AV drives of 400 m) that count; those that an AV from outside spoiled do not.")
+    ]
+    crashes_per_test: Annotated[Share, meant("Share of the tests in which the AV crashed, 0 to 1.", "per test")]
+    interval95: Annotated[
+        Interval,
+        meant("Exact interval of `crashes_per_test` (Clopper-Pearson); low is 0 with no crash.", "per test"),
+    ]
+
+    @property
+    def is_bound(self) -> bool:
+        """True if no crash was seen: the rate is known only to lie below the upper end of its interval."""
+        return self.crashes_per_test == 0.0
+
+    @property
+    def bound(self) -> float:
+        """Upper end of the 95 % interval, which is all that is known when no crash was seen."""
+        return self.interval95[1]
+
+    @property
+    def digits(self) -> int:
+        """Number of significant digits to show: the third is noise unless there are hundreds of crashes."""
+        return 3 if self.crashes_per_test * self.tests >= 100.0 else 2
 
 
-@dataclass(frozen=True, kw_only=True)
-class Rate:
+class Rate(Counted):
     """How often the AV crashes, per test and per mile, with what it is counted over."""
 
-    tests: Annotated[Whole, TESTS]
-    crashes_per_test: Annotated[Share, PER_TEST]
-    interval95: Annotated[Interval, INTERVAL95]
     crashes_per_mile: Annotated[float | None, meant("Crashes per mile of the AV; null: it drove none.", "per mile")]
     interval95_per_mile: Annotated[
         Interval | None, meant("`interval95` per mile at the miles driven; null: it drove none.", "per mile")
@@ -31,7 +50,6 @@ class Rate:
     miles: Annotated[float, meant("Distance that the AV drove in all tests.", "miles")]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Yield(Rate):
     """How often an adversary makes the AV crash, how often so that braking helps, and who strikes."""
 

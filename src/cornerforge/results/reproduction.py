@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
 
-from cornerforge._schema import Whole, meant
+from cornerforge._schema import Declared, Whole, meant
 from cornerforge.results.rates import Interval
 
 __all__ = ["PaperItem", "PaperRow", "Reproduced"]
@@ -18,8 +17,7 @@ _INTERVAL = meant("Our 95 % interval; null: exact, a single timing, or no value.
 _NOTE = meant("What to know for the comparison; may be empty.")
 
 
-@dataclass(frozen=True, kw_only=True)
-class PaperRow:
+class PaperRow(Declared):
     """One number of the paper beside ours."""
 
     what: Annotated[str, _WHAT]
@@ -30,8 +28,7 @@ class PaperRow:
     note: Annotated[str, _NOTE]
 
 
-@dataclass(frozen=True, kw_only=True)
-class PaperItem:
+class PaperItem(Declared):
     """A figure or table of the paper beside ours, with the number that stands for it."""
 
     id: Annotated[str, meant("Its name for `--figure`.")]
@@ -47,8 +44,7 @@ class PaperItem:
     seconds: Annotated[float, meant("Wall-clock of its making.", "s")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Reproduced:
+class Reproduced(Declared):
     """Figures and tables of the paper, ours beside theirs."""
 
     items: Annotated[tuple[PaperItem, ...], meant("The items that were asked for.")]

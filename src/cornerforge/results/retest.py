@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
 
-from cornerforge._schema import Whole, meant
+from cornerforge._schema import Declared, Whole, meant
 from cornerforge.results.rates import Interval
 
 __all__ = ["Compared", "Difference", "Retested", "RetestedCase"]
@@ -15,8 +14,7 @@ _DIFFERENCE = "Crashes of the AV minus crashes of the baseline; above 0: it cras
 _PICKED = "null: the tests were picked because an AV crashed in them, so another one can hardly do worse."
 
 
-@dataclass(frozen=True, kw_only=True)
-class Difference:
+class Difference(Declared):
     """How two AVs differ in the same tests."""
 
     fixed: Annotated[Whole, meant("Tests in which only the baseline crashed.")]
@@ -28,7 +26,6 @@ class Difference:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Compared(Difference):
     """Two AVs in the same tests."""
 
@@ -48,8 +45,7 @@ class Compared(Difference):
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class RetestedCase:
+class RetestedCase(Declared):
     """Outcome of one case."""
 
     case: Annotated[str, meant("Case id, or name of the case file.")]
@@ -67,7 +63,6 @@ class RetestedCase:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Retested(Difference):
     """Another AV in the cases of a library. What differs is of `reacting`, or of `recorded` where there is none."""
 

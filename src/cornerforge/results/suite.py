@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
 
-from cornerforge._schema import Whole, meant
+from cornerforge._schema import Declared, Whole, meant
 from cornerforge.results.rates import Interval
 
 __all__ = ["LeftOutAll", "LeftOutAv", "SuiteAv", "SuiteBuilt"]
@@ -13,8 +12,7 @@ __all__ = ["LeftOutAll", "LeftOutAv", "SuiteAv", "SuiteBuilt"]
 _PLACE = "Places among all AVs by crashes per case, suite against all cases; equals share their mean place."
 
 
-@dataclass(frozen=True, kw_only=True)
-class SuiteAv:
+class SuiteAv(Declared):
     """One AV of the zoo."""
 
     av: Annotated[str, meant("The AV.")]
@@ -22,8 +20,7 @@ class SuiteAv:
     crashes_in_suite: Annotated[float, meant("In the suite, driven again from its files.", "per case")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class LeftOutAv:
+class LeftOutAv(Declared):
     """A suite chosen without one AV, asked about that AV."""
 
     av: Annotated[str, meant("The AV that was left out.")]
@@ -38,8 +35,7 @@ class LeftOutAv:
     in_order: Annotated[Whole, meant("How many of these are on the same side of it in them.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class LeftOutAll:
+class LeftOutAll(Declared):
     """All AVs left out one at a time, against random sets of as many cases."""
 
     found: Annotated[float, meant("Share of the AVs that the suite finds.")]
@@ -60,8 +56,7 @@ class LeftOutAll:
     random_in_order_range95: Annotated[Interval, meant("2.5 to 97.5 % of the random sets.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class SuiteBuilt:
+class SuiteBuilt(Declared):
     """A suite of cases."""
 
     cases: Annotated[Whole, meant("Cases of the suite.")]

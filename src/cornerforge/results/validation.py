@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
 
-from cornerforge._schema import Whole, meant
+from cornerforge._schema import Declared, Whole, meant
 from cornerforge.results.driving import Distributions
 from cornerforge.results.rates import Interval
 
@@ -39,16 +38,14 @@ _CAUTION = meant("With what caution to read it; only where there is reason.")
 _WHEN = meant("Window: seconds after the start.", "s")
 
 
-@dataclass(frozen=True, kw_only=True)
-class BaselineDifference:
+class BaselineDifference(Declared):
     """Log-likelihood of a model minus that of a baseline, decision by decision."""
 
     difference: Annotated[float, meant("Mean; above 0 the model is better.", "nat")]
     interval95: Annotated[Interval, meant("Its 95 % interval, by bootstrap over vehicles.", "nat")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class PartLikelihood:
+class PartLikelihood(Declared):
     """How likely a part of a model holds the decisions of one file."""
 
     decisions: Annotated[Whole, meant("Decisions that were scored.")]
@@ -59,8 +56,7 @@ class PartLikelihood:
     model_minus: Annotated[dict[str, BaselineDifference], meant("Model minus baseline, by baseline.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class PartDistance:
+class PartDistance(Declared):
     """How far observed accelerations lie from those that a part of a model predicts."""
 
     decisions: Annotated[Whole, _DECISIONS]
@@ -72,8 +68,7 @@ class PartDistance:
     kolmogorov_smirnov_interval95: Annotated[Interval, _KS_ENDS]
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Recorded:
+class _Recorded(Declared):
     """A recorded quantity against simulated traffic at the same speeds."""
 
     not_compared: Annotated[str | None, _NOT_COMPARED] = None
@@ -93,14 +88,12 @@ class _Recorded:
     simulated: Annotated[tuple[float, ...] | None, meant("Simulated share of each bin.")] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class RecordedQuantity(_Recorded):
     """A quantity of recorded states against simulated traffic at the same speeds, from 19.5 m/s on."""
 
     caution: Annotated[str | None, _CAUTION] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class AcceptedGaps(_Recorded):
     """Gaps that drivers accepted when they changed lanes, against simulated traffic at the same speeds."""
 
@@ -112,8 +105,7 @@ class AcceptedGaps(_Recorded):
     ] = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class TtcShare:
+class TtcShare(Declared):
     """Share of following states with a TTC below some limit."""
 
     recorded: Annotated[float, meant("Recorded, 0 to 1.")]
@@ -121,8 +113,7 @@ class TtcShare:
     simulated: Annotated[float, meant("Simulated at the same speeds, 0 to 1.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class RecordedTtc:
+class RecordedTtc(Declared):
     """Shares of recorded following states with a short TTC against simulated traffic at the same speeds."""
 
     not_compared: Annotated[str | None, _NOT_COMPARED] = None
@@ -132,8 +123,7 @@ class RecordedTtc:
     caution: Annotated[str | None, _CAUTION] = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class LaneChangeRate:
+class LaneChangeRate(Declared):
     """How often lanes are changed, recorded at all speeds and simulated."""
 
     not_compared: Annotated[str | None, _NOT_COMPARED] = None
@@ -146,8 +136,7 @@ class LaneChangeRate:
     simulated: Annotated[float | None, meant("Simulated.", "per vehicle-mile")] = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrafficDistances:
+class TrafficDistances(Declared):
     """Recorded against predicted accelerations and simulated traffic, by quantity and file."""
 
     acceleration: Annotated[
@@ -168,8 +157,7 @@ class TrafficDistances:
     accepted_rear_gap: Annotated[dict[str, AcceptedGaps], meant("Accepted gaps behind, by file.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class OneStepCell:
+class OneStepCell(Declared):
     """Recorded accelerations in like states, and those predicted from these states."""
 
     speed_mps: Annotated[tuple[float, float], meant("Ends of the band of speed.", "m/s")]
@@ -188,8 +176,7 @@ class OneStepCell:
     predicted: Annotated[tuple[float, ...], meant("Predicted share of each of the 31 accelerations.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class FactFound:
+class FactFound(Declared):
     """A published fact, and what free-running traffic has of it in one window."""
 
     theme: Annotated[str, meant("The table that it belongs to, a key of `themes`.")]
@@ -213,16 +200,14 @@ class FactFound:
     miles: Annotated[float | None, meant("Distance counted; only with crashes.", "vehicle-miles")] = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Theme:
+class Theme(Declared):
     """A table of facts."""
 
     title: Annotated[str, meant("Its heading.")]
     meaning: Annotated[str, meant("What the facts in it mean, in one or two sentences.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Curve:
+class Curve(Declared):
     """Distribution of a quantity in bins of one width."""
 
     low: Annotated[float, meant("Lower edge of the first bin.", "`unit`")]
@@ -231,8 +216,7 @@ class Curve:
     shares: Annotated[tuple[float, ...], meant("Share of each bin.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class FreeTraffic:
+class FreeTraffic(Declared):
     """Free-running traffic in one window."""
 
     when: Annotated[str, _WHEN]
@@ -243,8 +227,7 @@ class FreeTraffic:
     curves: Annotated[dict[str, Curve], meant("Distributions for pictures, by quantity.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class NddValidated:
+class NddValidated(Declared):
     """A naturalistic model against held-out trajectories, and its traffic against published facts."""
 
     model: Annotated[str, meant("File of the model.")]

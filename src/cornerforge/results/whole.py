@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cornerforge._schema import Whole, meant
+from cornerforge._schema import Declared, Whole, meant
 from cornerforge.results.analysis import Analysed
 from cornerforge.results.driving import Filled, NaturalRate, Simulated
 from cornerforge.results.learning import BOUNDED, BUDGET, Baseline, LearnedPolicy
@@ -31,28 +30,24 @@ __all__ = [
 ]  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
 class RunTrained(Yield, LearnedPolicy):
     """The adversary of a run, measured on tests that no training uses."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Initialised:
+class Initialised(Declared):
     """A folder to start from."""
 
     files: Annotated[tuple[str, ...], meant("The files that were written: the AV, the config, the README.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Reported:
+class Reported(Declared):
     """Where a page is."""
 
     report: Annotated[str, meant("The page, one file of HTML.")]
     library: Annotated[str, meant("The library whose cases it shows.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class FiguredOne:
+class FiguredOne(Declared):
     """A figure for a paper."""
 
     name: Annotated[str, meant("Name of the chart, or the case id.")]
@@ -60,15 +55,13 @@ class FiguredOne:
     caption: Annotated[str, meant("What it shows.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Figured:
+class Figured(Declared):
     """Figures for a paper."""
 
     figures: Annotated[tuple[FiguredOne, ...], meant("The figures, in the order of `--list`.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Exported:
+class Exported(Declared):
     """Cases written for other tools."""
 
     cases: Annotated[Whole, meant("How many.")]
@@ -78,8 +71,7 @@ class Exported:
     seconds: Annotated[float, meant("Wall-clock.", "s")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class SpentOn:
+class SpentOn(Declared):
     """Cost and result of one part of a run for some hours."""
 
     what: Annotated[str, meant("The part, in words.")]
@@ -88,8 +80,7 @@ class SpentOn:
     came_of_it: Annotated[str, meant("What came of it, in words.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Spending:
+class Spending(Declared):
     """How a run for some hours spent its time; all counts were chosen by the clock, and stored when they were."""
 
     hours: Annotated[float, meant("The time that was given.", "h")]
@@ -104,8 +95,7 @@ class Spending:
     not_found: Annotated[tuple[str, ...], meant("What it could not find out, in words.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunDone:
+class RunDone(Declared):
     """The whole job: what each stage came to."""
 
     out: Annotated[str, meant("Folder of everything.")]
@@ -133,8 +123,7 @@ class RunDone:
     seconds: Annotated[float, meant("Wall-clock of this call; stages of earlier ones are not in it.", "s")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Served:
+class Served(Declared):
     """The explorer: where it can be opened, and what it shows."""
 
     url: Annotated[str, meant("Address to open, with the token where one is needed.")]
@@ -146,16 +135,14 @@ class Served:
     sources: Annotated[tuple[str, ...], meant("Where they come from: natural, adversary or scripted.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ExposureMiles:
+class ExposureMiles(Declared):
     """Distances over which exposure was counted."""
 
     nde: Annotated[float, meant("In natural traffic.", "miles")]
     adversary: Annotated[float, meant("With the adversary.", "miles")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Exposed:
+class Exposed(Declared):
     """One quantity that the AV was exposed to, once a second, in natural traffic and with the adversary."""
 
     label: Annotated[str, meant("What it is, for an axis.")]
@@ -169,8 +156,7 @@ ExposedTo = Literal["bbd_front", "bbd_rear", "ttc_front", "ttc_rear"]
 """What exposure is counted of: the distance to the vehicle ahead and behind, and the time to collision with it."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Exposure:
+class Exposure(Declared):
     """Exposure of the AV, the paper's Figure 3; `exposure.json` of a run."""
 
     miles: Annotated[ExposureMiles, meant("Distances driven.")]
@@ -179,8 +165,7 @@ class Exposure:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Migrated:
+class Migrated(Declared):
     """A library, a run or a file of an earlier version, written anew."""
 
     library: Annotated[str, meant("The new folder or file.")]
@@ -188,16 +173,14 @@ class Migrated:
     made_by: Annotated[str, meant("Version of cornerforge that drove the cases.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class DamagedFile:
+class DamagedFile(Declared):
     """A file that is not as it was written, or that holds what cannot be."""
 
     file: Annotated[str, meant("The file.")]
     fault: Annotated[str, meant("What is wrong with it: the column and the row, where they can be told.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Verified:
+class Verified(Declared):
     """Files at a place, and whether they are as they were written."""
 
     whole: Annotated[Whole, meant("Files that are as they were written.")]

@@ -15,7 +15,8 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._options import Option, verb
+from cornerforge._options import verb
+from cornerforge._schema import meant
 from cornerforge.analysis.crash_types import STRIKERS, classify_crashes
 from cornerforge.analysis.in_words import what_happened
 from cornerforge.analysis.mechanism import contact_pose, crash_frame, crash_types_of
@@ -223,11 +224,10 @@ def recorded_drive(run: Experiment, script: Script) -> Scenario:
     return replace(scenario, crash=None, **{one.name: getattr(scenario, one.name)[:frames] for one in SERIES})
 
 
-@dataclass(frozen=True, kw_only=True)
 class DriveCase(AvAloneOptions):
     """Drive a case file; the AV "recorded" is whatever was in the AV's seat."""
 
-    case: Annotated[CaseFile | Path | str, Option("The case, or its file.")] = field(kw_only=False)
+    case: Annotated[CaseFile | Path | str, meant("The case, or its file.")] = field(kw_only=False)
 
 
 @verb(DriveCase, writes=False)

@@ -8,23 +8,21 @@ from __future__ import annotations
 import importlib.util
 import math
 import warnings
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from cornerforge._extensions import extension
 from cornerforge._options import verb
-from cornerforge.analysis.crash_types import CRASH_TYPES
-from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.errors import InputError
+from cornerforge.experiment.counting import rate_of
 from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import code_hash, provenance, version, write_json
 from cornerforge.experiment.setting import experiment
+from cornerforge.rates.crashes import kind_counts
 from cornerforge.rates.monte_carlo import BLOCK, MonteCarlo
 from cornerforge.rates.plain import ASKED, ENOUGH_TO_FORESEE, PlainTests, cost_of, kept_if_interrupted
-from cornerforge.rates.splitting import TREES, PickedCrash, Splitting, kind_rates
+from cornerforge.rates.splitting import TREES, Splitting, kind_rates
 from cornerforge.results import NaturalRate, as_json
 from cornerforge.results.driving import Effort
 from cornerforge.verbs.options.driving import Rate
@@ -157,55 +155,33 @@ def _split(session: PlainTests, split: Splitting, reason: str, target: float, ma
     state = split.drive(target, max(TREES, max_tests - plain.tests - split.taught.tests))
     found = split.rate
     picked = split.picked() if found.rate > 0.0 else []
-    mechanisms = kind_rates(picked, "mechanism", found) if picked else {}
+    mechanisms = kind_rates(picked, "mechanism", found)
     cpu = plain.cpu_seconds + split.taught.cpu_seconds + split.cost.cpu_seconds
     seconds = plain.seconds + split.seconds
     spent, counting = (session.run.cost(*one)[0] for one in ((cpu, seconds), (plain.cpu_seconds, plain.seconds)))
-    fields = {
+    by_trees = rate_of(found.rate, split.interval, found.n, plain.miles, plain.valid_tests)
+    return NaturalRate(
+        **vars(by_trees if picked else session.rate()),
         **session.plain_part(),
-        "method": "is" if split.tilted else "splitting",
-        "reason": reason,
-        "relative_half_width": None,
-        "relative_half_width_90": None,
-        "doubts": (_NO_CRASH,),
-        "effort": Effort(plain=cost_of(plain), teaching=split.taught, estimation=split.cost),
-        "av_crashes": split.crashes,
-        "effective_sample_size": round(found.effective),
-        "largest_share": None,
-        "halves": found.halves,
-        "tail_index": found.tail if found.tail is None or math.isfinite(found.tail) else None,
-        "acceleration": found.counted_tests * counting / plain.valid_tests / spent,
-        "seconds": round(seconds, 3),
-        "cpu_seconds": round(cpu, 3),
-        "tests_per_second": round(found.n / split.seconds, 1),
-        "digest": split.digest,
-        "state": "no crash",
-        **_kind_counts(picked),
-        "crash_type_rates": kind_rates(picked, "crash_type", found) if picked else {},
-        "mechanism_rates": mechanisms,
-        "crash_circumstances": None,
-    }
-    if picked:
-        per_mile = None if plain.miles == 0.0 else plain.valid_tests / plain.miles
-        low, high = split.interval
-        fields |= {
-            "tests": found.n,
-            "crashes_per_test": found.rate,
-            "interval95": (low, high),
-            "crashes_per_mile": None if per_mile is None else found.rate * per_mile,
-            "interval95_per_mile": None if per_mile is None else (low * per_mile, high * per_mile),
-            "relative_half_width": split.half_width,
-            "relative_half_width_90": found.half_width_90,
-            "doubts": split.doubts(plain, session.kinds(), mechanisms),
-            "largest_share": found.largest,
-            "state": state,
-        }
-    return NaturalRate(**fields)
-
-
-def _kind_counts(picked: list[PickedCrash]) -> dict[str, Any]:
-    types, mechanisms = Counter(crash.crash_type for crash in picked), Counter(crash.mechanism for crash in picked)
-    return {
-        "crash_types": {name: types[name] for name in CRASH_TYPES.values()},
-        "mechanisms": {name: mechanisms[name] for name in MECHANISMS},
-    }
+        **kind_counts((crash.crash_type, crash.mechanism) for crash in picked),
+        method="is" if split.tilted else "splitting",
+        reason=reason,
+        relative_half_width=split.half_width if picked else None,
+        relative_half_width_90=found.half_width_90 if picked else None,
+        doubts=split.doubts(plain, session.kinds(), mechanisms) if picked else (_NO_CRASH,),
+        effort=Effort(plain=cost_of(plain), teaching=split.taught, estimation=split.cost),
+        av_crashes=split.crashes,
+        effective_sample_size=round(found.effective),
+        largest_share=found.largest if picked else None,
+        halves=found.halves,
+        tail_index=found.tail if found.tail is None or math.isfinite(found.tail) else None,
+        acceleration=found.counted_tests * counting / plain.valid_tests / spent,
+        seconds=round(seconds, 3),
+        cpu_seconds=round(cpu, 3),
+        tests_per_second=round(found.n / split.seconds, 1),
+        digest=split.digest,
+        state=state if picked else "no crash",
+        crash_type_rates=kind_rates(picked, "crash_type", found),
+        mechanism_rates=mechanisms,
+        crash_circumstances=None,
+    )

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from cornerforge._arguments import is_several
 from cornerforge._options import verb
+from cornerforge._schema import is_several
 from cornerforge.errors import InputError
 from cornerforge.experiment.counting import simulate_experiment, tally_summary
 from cornerforge.experiment.forecast import forecast

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from cornerforge._schema import Whole, read
+from cornerforge._schema import Declared, Whole, read
 from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig
 from cornerforge.execution.progress import NO_PROGRESS, Progress, begin_part
@@ -194,8 +194,7 @@ def _natural_library(found: NaturalRate) -> str:
     return "library" if found.method == "mc" else "weighted"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Finished:
+class Finished(Declared):
     """Results of all stages of a run; `effort` names it, `spending` says what hours were spent on."""
 
     effort: str

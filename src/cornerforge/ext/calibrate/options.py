@@ -3,70 +3,67 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
-from cornerforge._options import Command, LongWork, Option, Watched
+from cornerforge._options import Command, LongWork, Watched
+from cornerforge._schema import meant
 
 __all__ = ["COMMANDS", "DATA_FORMAT", "NddFit", "NddImport", "NddShow", "NddValidate"]
 
-DATA_FORMAT = Option(
+DATA_FORMAT = meant(
     "ngsim, pairs, tracks, tgsim or highd; told from the columns by default.",
     name="--format", near=("ngsim", "pairs", "tracks", "tgsim", "highd"),
 )  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
 class NddFit(LongWork):
     """Fit a naturalistic model from trajectories; its report is written beside it.
 
     On one machine the same files give the same bytes; on another processor a law's fourth digit may differ.
     """
 
-    files: Annotated[Sequence[Path | str], Option("Trajectory files.", metavar="FILE...")] = field(kw_only=False)
-    out: Annotated[Path | str, Option("Model file to write, .npz.")]
+    files: Annotated[Sequence[Path | str], meant("Trajectory files.", metavar="FILE...")] = field(kw_only=False)
+    out: Annotated[Path | str, meant("Model file to write, .npz.")]
     data_format: Annotated[str | None, DATA_FORMAT] = None
-    prior_strength: Annotated[float, Option("Pseudo-counts per state with which the prior enters.")] = 200.0
+    prior_strength: Annotated[float, meant("Pseudo-counts per state with which the prior enters.")] = 200.0
     lane_changes: Annotated[
-        str, Option("Lane changes: `fit` to these files, if they tell enough, or the shipped `prior`.")
+        str, meant("Lane changes: `fit` to these files, if they tell enough, or the shipped `prior`.")
     ] = "fit"
-    study: Annotated[bool, Option("Report what other choices of the fit change, crash rates too (6 fits).")] = False
-    study_tests: Annotated[int, Option("Tests that the study drives for each choice; 0: none.", low=0, high=10**12)] = (
+    study: Annotated[bool, meant("Report what other choices of the fit change, crash rates too (6 fits).")] = False
+    study_tests: Annotated[int, meant("Tests that the study drives for each choice; 0: none.", low=0, high=10**12)] = (
         1_000_000
     )
 
 
-@dataclass(frozen=True, kw_only=True)
 class NddValidate(LongWork):
     """Compare a model with held-out trajectories and published facts; exit status 1 if it does not pass."""
 
-    model: Annotated[Path | str, Option("The model.", metavar="M.npz")] = field(kw_only=False)
+    model: Annotated[Path | str, meant("The model.", metavar="M.npz")] = field(kw_only=False)
     against: Annotated[
-        Sequence[Path | str], Option("Trajectory files, such as held-out ones.", metavar="FILE...", many=True)
+        Sequence[Path | str], meant("Trajectory files, such as held-out ones.", metavar="FILE...", many=True)
     ]
     data_format: Annotated[str | None, DATA_FORMAT] = None
-    miles: Annotated[float, Option("Vehicle-miles of traffic; 2e5 for a quick look.", low=100.0, high=1e9)] = 4e6
-    out: Annotated[Path | str | None, Option("Folder for validation.json, the page and its figures.")] = None
+    miles: Annotated[float, meant("Vehicle-miles of traffic; 2e5 for a quick look.", low=100.0, high=1e9)] = 4e6
+    out: Annotated[Path | str | None, meant("Folder for validation.json, the page and its figures.")] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class NddShow(Watched):
     """Show a naturalistic model: its key numbers beside published facts; figures with --out."""
 
     model: Annotated[
-        Path | str | None, Option("The model; the shipped one by default.", metavar="M.npz")
+        Path | str | None, meant("The model; the shipped one by default.", metavar="M.npz")
     ] = field(kw_only=False, default=None)  # fmt: skip
-    out: Annotated[Path | str | None, Option("Folder for figures (PNG).")] = None
+    out: Annotated[Path | str | None, meant("Folder for figures (PNG).")] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class NddImport(Watched):
     """Make a model of the published IVBSS arrays; what is missing is filled from ours and named."""
 
-    folder: Annotated[Path | str, Option("Folder with the arrays.", metavar="DIR")] = field(kw_only=False)
-    out: Annotated[Path | str, Option("Model file to write, .npz.")]
-    model: Annotated[Path | str | None, Option("Fills what is missing; the shipped model by default.")] = None
+    folder: Annotated[Path | str, meant("Folder with the arrays.", metavar="DIR")] = field(kw_only=False)
+    out: Annotated[Path | str, meant("Model file to write, .npz.")]
+    model: Annotated[Path | str | None, meant("Fills what is missing; the shipped model by default.")] = None
 
 
 COMMANDS = (

@@ -24,9 +24,8 @@ from cornerforge.library import StoredCase
 from cornerforge.library.query import Asker
 from cornerforge.report import text
 from cornerforge.report.cases import case_data, first_shown, ghost
-from cornerforge.report.judged import JUDGED, WayOut, judgement_of
+from cornerforge.report.judged import JUDGED, WayOut, judgement_of, verdict
 from cornerforge.report.moments import partner_of
-from cornerforge.report.verdict import verdict
 from cornerforge.types import Scenario
 
 __all__ = ["Driving", "Exhibit", "Ghost"]

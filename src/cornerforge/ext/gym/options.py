@@ -2,62 +2,57 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Annotated
 
-from cornerforge._options import Option, Options, Threaded
+from cornerforge._options import Options, Threaded
+from cornerforge._schema import meant
 from cornerforge.world_options import AdversaryEnvOptions, DrivingEnvOptions
+
+__all__ = ["Adversary", "AdversaryVector", "Driving", "DrivingVector"]
 
 if TYPE_CHECKING:
     from gymnasium.vector import AutoresetMode
 else:  # classes are told by their names
     AutoresetMode = type("AutoresetMode", (), {})
 
-__all__ = ["Adversary", "AdversaryVector", "Driving", "DrivingVector"]
 
-
-@dataclass(frozen=True, kw_only=True)
 class _Shown(Options):
     """How an environment is shown."""
 
-    render_mode: Annotated[str | None, Option('None or "rgb_array".')] = None
+    render_mode: Annotated[str | None, meant('None or "rgb_array".')] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class Adversary(AdversaryEnvOptions, _Shown):
     """Options of `AdversaryEnv`."""
 
-    reward: Annotated[str, Option("One of `adversary.worlds.rewards.REWARDS`.")] = "crash"
-    delay: Annotated[float, Option("For `avoidable`: the AV's time to react.", low=0.0, high=10.0, unit="s")] = 1.0
+    reward: Annotated[str, meant("One of `adversary.worlds.rewards.REWARDS`.")] = "crash"
+    delay: Annotated[float, meant("For `avoidable`: the AV's time to react.", low=0.0, high=10.0, unit="s")] = 1.0
 
 
-@dataclass(frozen=True, kw_only=True)
 class Driving(DrivingEnvOptions, _Shown):
     """Options of `DrivingEnv`."""
 
-    bv: Annotated[str, Option('"nde", "idm", one of `world_options.PLAIN_ADVERSARIES`, or a policy file.')] = "nde"
-    actions: Annotated[str, Option('"discrete", one of 33, or "box", two numbers (`spaces.av_commands`).')] = "discrete"
+    bv: Annotated[str, meant('"nde", "idm", one of `world_options.PLAIN_ADVERSARIES`, or a policy file.')] = "nde"
+    actions: Annotated[str, meant('"discrete", one of 33, or "box", two numbers (`spaces.av_commands`).')] = "discrete"
     act_every: Annotated[
-        int | None, Option("Tenths of a second between two decisions: 1, 2, 5 or 10; None: as the ODD says.")
+        int | None, meant("Tenths of a second between two decisions: 1, 2, 5 or 10; None: as the ODD says.")
     ] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class _Many(Threaded):
     """Many worlds."""
 
-    num_envs: Annotated[int, Option("Number of worlds.", low=1, high=10**6)] = field(kw_only=False, default=1)
+    num_envs: Annotated[int, meant("Number of worlds.", low=1, high=10**6)] = field(kw_only=False, default=1)
     autoreset_mode: Annotated[
         AutoresetMode | str,
-        Option('When worlds whose test ended begin anew: "NextStep", "SameStep" or "Disabled".'),
+        meant('When worlds whose test ended begin anew: "NextStep", "SameStep" or "Disabled".'),
     ] = "NextStep"
 
 
-@dataclass(frozen=True, kw_only=True)
 class AdversaryVector(Adversary, _Many):
     """Options of `AdversaryVectorEnv`."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class DrivingVector(Driving, _Many):
     """Options of `DrivingVectorEnv`."""

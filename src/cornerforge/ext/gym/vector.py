@@ -11,9 +11,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from cornerforge._arguments import is_several
 from cornerforge._checks import check_in
 from cornerforge._options import made_of
+from cornerforge._schema import is_several
 from cornerforge._words import shown
 from cornerforge.errors import InputError
 from cornerforge.ext.gym.batch import OUTCOMES, Batch, check_seed, numbers_of, read_options

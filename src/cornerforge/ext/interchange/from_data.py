@@ -23,7 +23,7 @@ from cornerforge.ext.interchange.recorded_traffic import Traffic, TrafficFile, r
 from cornerforge.library import CaseLibrary
 from cornerforge.library.case_file import CaseFile, Happened, of_moving, write_case_file
 from cornerforge.library.out_case import MovingCase, script_of
-from cornerforge.results.from_data import CasesFromData, DataFileRead, MomentOfData
+from cornerforge.results.imported import CasesFromData, DataFileRead, MomentOfData
 from cornerforge.types import Odd
 
 __all__ = ["cases_from_data", "from_data_text"]

@@ -3,36 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
-from cornerforge._options import Command, Option, Resumable, Seeded, Watched
+from cornerforge._options import Command, Resumable, Seeded, Watched
+from cornerforge._schema import meant
 from cornerforge.verbs.options.cases import CASES, LIBRARY
 from cornerforge.world_options import AvAloneOptions
 
 __all__ = ["COMMANDS", "Export", "FromData", "ImportCases"]
 
 _FORMATS = ("openscenario", "commonroad", "csv", "parquet", "rerun", "json")
-_CASES_OUT = Option("Folder for case files and library, new or empty.")
-_IN_SEAT = Option(
+_CASES_OUT = meant("Folder for case files and library, new or empty.")
+_IN_SEAT = meant(
     "The AV in the seat: recorded (whatever was in it), a built-in AV, or your own as for run.",
     metavar="AV", near=("recorded",),
 )  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
 class Export(Resumable, Watched):
     """Write cases for other tools: OpenSCENARIO with OpenDRIVE, CommonRoad, tables, rerun."""
 
     library: Annotated[Path | str, LIBRARY] = field(kw_only=False)
     cases: Annotated[Sequence[str] | str, CASES] = field(kw_only=False)
-    to: Annotated[str, Option(f"One of {', '.join(_FORMATS)}.", metavar="FORMAT", near=_FORMATS)]
-    out: Annotated[Path | str, Option("Folder for the files, new or empty.")]
-    version: Annotated[str, Option("Of OpenSCENARIO: 1.0 to 1.3.", near=("1.0", "1.1", "1.2", "1.3"))] = "1.2"
+    to: Annotated[str, meant(f"One of {', '.join(_FORMATS)}.", metavar="FORMAT", near=_FORMATS)]
+    out: Annotated[Path | str, meant("Folder for the files, new or empty.")]
+    version: Annotated[str, meant("Of OpenSCENARIO: 1.0 to 1.3.", near=("1.0", "1.1", "1.2", "1.3"))] = "1.2"
     mode: Annotated[
         str,
-        Option(
+        meant(
             "recorded: all move as recorded; controller: yours drives the AV (in CommonRoad a planning problem), the "
             "others as recorded; relative (OpenSCENARIO): the partner's manoeuvre begins at the recorded time gap.",
             metavar="recorded|controller|relative", near=("recorded", "controller", "relative"),
@@ -40,47 +40,45 @@ class Export(Resumable, Watched):
     ] = "recorded"  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
 class ImportCases(AvAloneOptions, Seeded, Watched):
     """Read scenarios of other tools as cases, and drive an AV through them."""
 
     files: Annotated[
         Sequence[Path | str] | Path | str,
-        Option("OpenSCENARIO (.xosc), CommonRoad (.xml), tables (.csv, .parquet).", metavar="FILE..."),
+        meant("OpenSCENARIO (.xosc), CommonRoad (.xml), tables (.csv, .parquet).", metavar="FILE..."),
     ] = field(kw_only=False)
     out: Annotated[Path | str, _CASES_OUT]
     av: Annotated[str, _IN_SEAT] = "recorded"
     ego: Annotated[
         str | None,
-        Option(
+        meant(
             "Vehicle in the AV's seat: its name, in CommonRoad its number. By default Ego, the one with a controller, "
             "or the planning problem's."
         ),
     ] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class FromData(AvAloneOptions, Seeded, Watched):
     """Make cases of the most critical moments of recorded traffic, and drive an AV through them."""
 
     files: Annotated[
         Sequence[Path | str] | Path | str,
-        Option("Trajectories of all vehicles: highD, NGSIM, TGSIM, or tracks with lanes.", metavar="FILE..."),
+        meant("Trajectories of all vehicles: highD, NGSIM, TGSIM, or tracks with lanes.", metavar="FILE..."),
     ] = field(kw_only=False)
     out: Annotated[Path | str, _CASES_OUT]
     av: Annotated[str, _IN_SEAT] = "recorded"
-    cases: Annotated[int, Option("How many cases at most.")] = 50
+    cases: Annotated[int, meant("How many cases at most.")] = 50
     measure: Annotated[
         str,
-        Option(
+        meant(
             "What is critical: deceleration needed, time to collision, time headway, time to a contact.",
             metavar="drac|ttc|thw|contact", near=("drac", "ttc", "thw", "contact"),
         ),
     ] = "drac"  # fmt: skip
-    before: Annotated[float, Option("Seconds before the moment.")] = 5.0
-    after: Annotated[float, Option("Seconds after it.")] = 3.0
+    before: Annotated[float, meant("Seconds before the moment.")] = 5.0
+    after: Annotated[float, meant("Seconds after it.")] = 3.0
     data_format: Annotated[
-        str | None, Option("Format of the files; by default their columns tell.", name="--format")
+        str | None, meant("Format of the files; by default their columns tell.", name="--format")
     ] = None
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from cornerforge._options import Command, LongWork, Option, Resumable
+from cornerforge._options import Command, LongWork, Resumable
+from cornerforge._schema import meant
 from cornerforge.world_options import RoadOptions
 
 __all__ = ["COMMANDS", "Reproduce"]
@@ -15,29 +15,28 @@ __all__ = ["COMMANDS", "Reproduce"]
 _ITEMS = ("table1", "figure2", "figure3", *(f"figure{number}" for number in range(5, 12)), "matrix", "timings")
 
 
-@dataclass(frozen=True, kw_only=True)
 class Reproduce(RoadOptions, Resumable, LongWork):
     """Make the paper's figures and tables again, ours beside theirs, on one page."""
 
-    out: Annotated[Path | str, Option("Folder for the page, figures, numbers and policies.")]
+    out: Annotated[Path | str, meant("Folder for the page, figures, numbers and policies.")]
     figures: Annotated[
         Sequence[str] | None,
-        Option(
+        meant(
             "table1, figure2, figure3, figure5 to figure11, matrix, timings; all by default.",
             name="--figure", metavar="ID...", near=_ITEMS, many=True,
         ),
     ] = None  # fmt: skip
     effort: Annotated[
         str | None,
-        Option(
+        meant(
             "quick (ten minutes on 2 cores), standard (an hour or more) or full (hours).",
             near=("quick", "standard", "full"), default="standard",
         ),
     ] = None  # fmt: skip
-    paper_policy: Annotated[Path | str | None, Option("A policy of preset paper, for Figure 2.")] = None
+    paper_policy: Annotated[Path | str | None, meant("A policy of preset paper, for Figure 2.")] = None
     avs: Annotated[
         Sequence[str],
-        Option("AV for the matrix besides the built-in ones; give it again for more.", name="--more-av"),
+        meant("AV for the matrix besides the built-in ones; give it again for more.", name="--more-av"),
     ] = ()
 
 

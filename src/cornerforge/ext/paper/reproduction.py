@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge._files import write_bytes
+from cornerforge._schema import Declared
 from cornerforge.errors import MissingExtraError
 from cornerforge.ext.paper.reproduction_clusters import cluster_pictures, example_pictures, period_pictures
 from cornerforge.ext.paper.reproduction_figures import (
@@ -47,7 +48,6 @@ RENDERERS: dict[str, Callable[[Mapping[str, Any]], list[Picture]]] = {
 """Item id to what draws its `data`."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class _Item(PaperItem):
     """An item as `items.json` holds it."""
 
@@ -56,8 +56,7 @@ class _Item(PaperItem):
     notes: tuple[str, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Items:
+class _Items(Declared):
     """Part of `items.json` that the page shows."""
 
     effort: str
@@ -65,8 +64,7 @@ class _Items:
     items: tuple[_Item, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Made:
+class _Made(Declared):
     """Part of `provenance.json` that the page shows."""
 
     cornerforge: str

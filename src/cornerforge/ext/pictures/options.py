@@ -3,43 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
-from cornerforge._options import Command, LongWork, Option
+from cornerforge._options import Command, LongWork
+from cornerforge._schema import meant
 
 __all__ = ["COMMANDS", "Figure"]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Figure(LongWork):
     """Draw for a paper: the charts of the page, or a case as a strip of snapshots."""
 
-    place: Annotated[Path | str, Option("A library, or a folder of run or rate.", metavar="LIB|RUN")] = field(
+    place: Annotated[Path | str, meant("A library, or a folder of run or rate.", metavar="LIB|RUN")] = field(
         kw_only=False
     )
     case: Annotated[
         str | None,
-        Option(
+        meant(
             "Draw this case as a strip of snapshots, instead of the charts of the page; natural/ID for a natural case "
             "of a run."
         ),
     ] = field(kw_only=False, default=None)
     out: Annotated[
         Path | str | None,
-        Option("Folder for the charts; new file .pdf or .svg for a case. Without it charts are only listed."),
+        meant("Folder for the charts; new file .pdf or .svg for a case. Without it charts are only listed."),
     ] = None
-    listing: Annotated[bool, Option("Only tell which charts there may be.", name="--list")] = False
+    listing: Annotated[bool, meant("Only tell which charts there may be.", name="--list")] = False
     times: Annotated[
         str | Sequence[float] | None,
-        Option("Seconds of the snapshots, such as -3,-2,-1,0; 0 is the contact. By default what matters in the case."),
+        meant("Seconds of the snapshots, such as -3,-2,-1,0; 0 is the contact. By default what matters in the case."),
     ] = None
     figures: Annotated[
-        Sequence[str] | None, Option("Chart; may be given again. All by default.", name="--figure", metavar="NAME")
+        Sequence[str] | None, meant("Chart; may be given again. All by default.", name="--figure", metavar="NAME")
     ] = None
-    file_format: Annotated[str, Option("Of charts: pdf or svg.", name="--format", near=("pdf", "svg"))] = "pdf"
-    width: Annotated[str, Option("column (3.5 in) or page (7.16 in).", near=("column", "page"))] = "column"
+    file_format: Annotated[str, meant("Of charts: pdf or svg.", name="--format", near=("pdf", "svg"))] = "pdf"
+    width: Annotated[str, meant("column (3.5 in) or page (7.16 in).", near=("column", "page"))] = "column"
 
 
 COMMANDS = (

@@ -24,7 +24,7 @@ __all__ = ["CAPTIONS", "print_chart"]
 CAPTIONS = {
     "rates": "Crashes of the AV per test by who drives the other vehicles, with 95 % intervals. An arrow to the left: "
     "no crash was seen, and the rate lies somewhere below.",
-    "training": "Yield of the adversary while it learns, with the score interval of each point (shade), the share of "
+    "training": "Yield of the adversary while it learns, with the exact interval of each point (shade), the share of "
     "random actions, and the loss.",
     "types": "Cases by crash type, by the pose at first contact.",
     "map": "Every point is a case, described by its features and projected on two principal components; symbols are "

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
-from cornerforge._options import Command, LongWork, Option, Resumable
+from cornerforge._options import Command, LongWork, Resumable
+from cornerforge._schema import meant
 from cornerforge.world_options import AvAskedOptions, AvOptions, WorldOptions
 
 __all__ = ["BUDGETS_NATS", "COMMANDS", "R157", "PlausibilityStudy", "SuiteBuild", "Variety"]
@@ -16,63 +17,59 @@ BUDGETS_NATS = (10.0, 20.0, 40.0, 60.0, 80.0)
 """Likelihood budgets that `plausibility` trains for."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class SuiteBuild(AvAskedOptions, LongWork):
     """Choose the fewest cases that find and rank the flaws of many AVs; checked on AVs left out."""
 
     libraries: Annotated[
-        Sequence[Path | str] | Path | str, Option("Case libraries of one model and ODD.", metavar="LIB...")
+        Sequence[Path | str] | Path | str, meant("Case libraries of one model and ODD.", metavar="LIB...")
     ] = field(kw_only=False)
-    out: Annotated[Path | str, Option("Folder of the suite, a library itself.")]
-    size: Annotated[int, Option("Most cases.", low=1, high=1_000_000)] = 200
+    out: Annotated[Path | str, meant("Folder of the suite, a library itself.")]
+    size: Annotated[int, meant("Most cases.", low=1, high=1_000_000)] = 200
     zoo: Annotated[
         Sequence[str] | None,
-        Option("AV that drives the cases; may be given again. By default all built-in ones.", near=("av",)),
+        meant("AV that drives the cases; may be given again. By default all built-in ones.", near=("av",)),
     ] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class R157(AvOptions, LongWork):
     """Drive an AV through the scenarios of UN Regulation 157, beside the reference drivers."""
 
     families: Annotated[
         Sequence[str] | str,
-        Option(
+        meant(
             "cut-in, cut-out or deceleration; may be given again. All by default.",
             name="--family", near=("cut-in", "cut-out", "deceleration", "all"),
         ),
     ] = "all"  # fmt: skip
-    out: Annotated[Path | str | None, Option("Folder for the page, scenarios.csv and the library of failures.")] = None
+    out: Annotated[Path | str | None, meant("Folder for the page, scenarios.csv and the library of failures.")] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class Variety(WorldOptions, LongWork):
     """Count kinds of crash: in libraries, or as policies make them greedily, at random and mixed."""
 
-    libraries: Annotated[Sequence[Path | str], Option("Case libraries.", metavar="LIB...")] = field(
+    libraries: Annotated[Sequence[Path | str], meant("Case libraries.", metavar="LIB...")] = field(
         kw_only=False, default=()
     )
     policies: Annotated[
-        Sequence[Path | str], Option("Policy file instead of libraries; may be given again.", name="--policy")
+        Sequence[Path | str], meant("Policy file instead of libraries; may be given again.", name="--policy")
     ] = ()
-    tests: Annotated[int, Option("Tests for each way to generate.", low=1, high=10**8)] = 4096
-    acting: Annotated[str, Option("How to act at random: softmax or softmax:T.")] = "softmax"
+    tests: Annotated[int, meant("Tests for each way to generate.", low=1, high=10**8)] = 4096
+    acting: Annotated[str, meant("How to act at random: softmax or softmax:T.")] = "softmax"
 
 
-@dataclass(frozen=True, kw_only=True)
 class PlausibilityStudy(AvOptions, Resumable, LongWork):
     """Plot what an adversary reaches against how plausible it must stay: one training per budget and seed."""
 
-    out: Annotated[Path | str, Option("Folder for policies, curve and figure.")]
+    out: Annotated[Path | str, meant("Folder for policies, curve and figure.")]
     budgets: Annotated[
         Sequence[float],
-        Option("Likelihood budget in nats; may be given again. 10, 20, 40, 60, 80.", name="--budget", unit="nats"),
+        meant("Likelihood budget in nats; may be given again. 10, 20, 40, 60, 80.", name="--budget", unit="nats"),
     ] = BUDGETS_NATS
-    seeds: Annotated[int, Option("Training seeds per budget.", low=1, high=1000)] = 3
+    seeds: Annotated[int, meant("Training seeds per budget.", low=1, high=1000)] = 3
     decisions: Annotated[
-        int | None, Option("Length of a training; the fast preset's by default.", low=1, high=10**12)
+        int | None, meant("Length of a training; the fast preset's by default.", low=1, high=10**12)
     ] = None
-    tests: Annotated[int, Option("Evaluation tests of each policy.", low=1, high=10**8)] = 8192
+    tests: Annotated[int, meant("Evaluation tests of each policy.", low=1, high=10**8)] = 8192
 
 
 COMMANDS = (

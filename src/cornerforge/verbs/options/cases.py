@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
-from cornerforge._options import Command, LongWork, Option, Options, Resumable, Watched
+from cornerforge._options import Command, LongWork, Options, Resumable, Watched
+from cornerforge._schema import meant
 from cornerforge.verbs.options.driving import ACTING
 from cornerforge.world_options import PLAIN_ADVERSARIES, AvAloneOptions, AvProcessOptions, WorldOptions
 
@@ -18,49 +19,47 @@ __all__ = [
 
 DEFAULT_LOOKS = 2000
 """Default number of cases drawn for the search for ways out: it takes a few seconds on two cores."""
-LIBRARY = Option("A case library.", metavar="LIB")
-CASES = Option('Case ids, or "all".', metavar="CASE...")
-LOOKS = Option(
+LIBRARY = meant("A case library.", metavar="LIB")
+CASES = meant('Case ids, or "all".', metavar="CASE...")
+LOOKS = meant(
     "For how many cases, drawn at random, a way out is searched for; all or none.",
-    "Typical and rare cases are searched too, unless it is none.",
+    more="Typical and rare cases are searched too, unless it is none.",
 )
-REACTION = Option(
+REACTION = meant(
     "Seconds that the AV needs to react.",
-    "A manoeuvre that avoids the crash begins at the earliest this long after the one that led to it.",
+    more="A manoeuvre that avoids the crash begins at the earliest this long after the one that led to it.",
     low=0.0, high=5.0, unit="s",
 )  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
 class Generate(WorldOptions, Resumable, LongWork):
     """Fill a case library with crashes that an adversary makes."""
 
     policy: Annotated[
         Sequence[str | Path] | str | Path,
-        Option(
+        meant(
             f"Policy file, or {', '.join(PLAIN_ADVERSARIES)}. Given again: each test draws one of the policies.",
             near=PLAIN_ADVERSARIES,
         ),
     ]
-    out: Annotated[Path | str, Option("Library to fill.")]
-    cases: Annotated[int, Option("How many cases.", low=1, high=10**8)] = 1_000
+    out: Annotated[Path | str, meant("Library to fill.")]
+    cases: Annotated[int, meant("How many cases.", low=1, high=10**8)] = 1_000
     acting: Annotated[str, ACTING] = "learned"
 
 
-@dataclass(frozen=True, kw_only=True)
 class Analyse(LongWork):
     """Cluster a library's cases; say which could have been avoided, whose fault they were, and which to look at."""
 
     library: Annotated[Path | str, LIBRARY] = field(kw_only=False)
-    steps: Annotated[int, Option("Seconds before the crash that the features cover.", low=1, high=15)] = 1
+    steps: Annotated[int, meant("Seconds before the crash that the features cover.", low=1, high=15)] = 1
     out: Annotated[
-        Path | str | None, Option("Folder for analysis.json, cases.parquet, points.parquet and witnesses.parquet.")
+        Path | str | None, meant("Folder for analysis.json, cases.parquet, points.parquet and witnesses.parquet.")
     ] = None
     avoidability: Annotated[str | int, LOOKS] = DEFAULT_LOOKS
     reaction: Annotated[float, REACTION] = 0.0
     purpose: Annotated[
         str | None,
-        Option(
+        meant(
             "What comes first: what happens most on the road, for natural cases; or what is of most value.",
             name="--for", metavar="road|attack", choices=("attack", "road"),
             default="road for natural cases, else attack",
@@ -68,82 +67,74 @@ class Analyse(LongWork):
     ] = None  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
 class Shrink(AvProcessOptions, Resumable, Watched):
     """Make cases as small as they get: fewest vehicles, shortest window, most natural actions, the same crash."""
 
     library: Annotated[Path | str, LIBRARY] = field(kw_only=False)
     cases: Annotated[Sequence[str] | str, CASES] = field(kw_only=False)
     out: Annotated[
-        Path | str | None, Option("Library of the shrunk cases; by default LIB-shrunk-CASE, for one case.")
+        Path | str | None, meant("Library of the shrunk cases; by default LIB-shrunk-CASE, for one case.")
     ] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class Replay(AvProcessOptions, Watched):
     """Drive a case again from its seed."""
 
     library: Annotated[Path | str, LIBRARY] = field(kw_only=False)
-    case: Annotated[str, Option('Case id such as 0:12, or "all".')] = field(kw_only=False)
-    check: Annotated[bool, Option("Compare with what is stored; exit status 1 if it differs.")] = False
-    picture: Annotated[Path | str | None, Option("Draw the crash and the latest way out into this .png or .svg.")] = (
+    case: Annotated[str, meant('Case id such as 0:12, or "all".')] = field(kw_only=False)
+    check: Annotated[bool, meant("Compare with what is stored; exit status 1 if it differs.")] = False
+    picture: Annotated[Path | str | None, meant("Draw the crash and the latest way out into this .png or .svg.")] = None
+    video: Annotated[Path | str | None, meant("Film the case from above, to scale, into this .mp4, .webm or .gif.")] = (
         None
     )
-    video: Annotated[
-        Path | str | None, Option("Film the case from above, to scale, into this .mp4, .webm or .gif.")
-    ] = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class Retest(AvAloneOptions, LongWork):
     """Drive another AV through stored cases, and compare; exit status 1 if it got worse."""
 
-    library: Annotated[Path | str, Option("A library, a case file, or a folder of such.", metavar="LIB|CASES")] = field(
+    library: Annotated[Path | str, meant("A library, a case file, or a folder of such.", metavar="LIB|CASES")] = field(
         kw_only=False
     )
     baseline: Annotated[
-        str | None, Option("AV to compare with; by default the one that made the library.", near=("av",))
+        str | None, meant("AV to compare with; by default the one that made the library.", near=("av",))
     ] = None
     natural_tests: Annotated[
-        int | None, Option("Natural tests of both, at most; 10,000 with a baseline, else none.")
+        int | None, meant("Natural tests of both, at most; 10,000 with a baseline, else none.")
     ] = None
-    junit: Annotated[Path | str | None, Option("New file: JUnit XML.")] = None
-    page: Annotated[Path | str | None, Option("New file, .html: both versions side by side in the same cases.")] = None
+    junit: Annotated[Path | str | None, meant("New file: JUnit XML.")] = None
+    page: Annotated[Path | str | None, meant("New file, .html: both versions side by side in the same cases.")] = None
     count: Annotated[
         str,
-        Option("Crashes that count in case files: any, or av: those in which the AV strikes.", choices=("any", "av")),
+        meant("Crashes that count in case files: any, or av: those in which the AV strikes.", choices=("any", "av")),
     ] = "any"
 
 
-@dataclass(frozen=True, kw_only=True)
 class Query(Options):
     """Ask a library, or an analysis, in SQL (table `cases`, key `case_id`)."""
 
-    library: Annotated[Path | str, Option("A case library, or the folder of an analysis.", metavar="LIB")] = field(
+    library: Annotated[Path | str, meant("A case library, or the folder of an analysis.", metavar="LIB")] = field(
         kw_only=False
     )
-    sql: Annotated[str, Option("Such as: select crash_time_s from cases", metavar="SQL")] = field(kw_only=False)
-    seconds: Annotated[float, Option("Longest time that the answer may take.")] = 10.0
-    megabytes: Annotated[int, Option("Most memory that the answer may take.")] = 512
+    sql: Annotated[str, meant("Such as: select crash_time_s from cases", metavar="SQL")] = field(kw_only=False)
+    seconds: Annotated[float, meant("Longest time that the answer may take.")] = 10.0
+    megabytes: Annotated[int, meant("Most memory that the answer may take.")] = 512
 
 
-@dataclass(frozen=True, kw_only=True)
 class Verify(Watched):
     """Check that files are as they were written; exit status 1 if one is not."""
 
     paths: Annotated[
-        Sequence[Path | str] | Path | str, Option("Files, or folders, which are searched.", metavar="PATH...")
+        Sequence[Path | str] | Path | str, meant("Files, or folders, which are searched.", metavar="PATH...")
     ] = field(kw_only=False)
 
 
-@dataclass(frozen=True, kw_only=True)
 class Migrate(Watched):
     """Write a library, a run or a file of an earlier version anew, with the present columns and checksums."""
 
-    library: Annotated[Path | str, Option("A library, the folder of a run, or a file.", metavar="OLD")] = field(
+    library: Annotated[Path | str, meant("A library, the folder of a run, or a file.", metavar="OLD")] = field(
         kw_only=False
     )
-    out: Annotated[Path | str, Option("A new folder, or a new file.")]
+    out: Annotated[Path | str, meant("A new folder, or a new file.")]
 
 
 COMMANDS = (

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
-from cornerforge._options import Command, LongWork, Option, Options, Resumable
+from cornerforge._options import Command, LongWork, Options, Resumable
+from cornerforge._schema import meant
 from cornerforge.verbs.options.cases import DEFAULT_LOOKS, LOOKS, REACTION
 from cornerforge.verbs.options.learning import REWARD
 from cornerforge.world_options import WorldOptions
@@ -17,49 +18,46 @@ STAND_IN = "idm-mobil"
 """The AV that an adversary learns against when there is no time to learn against the AV under test."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class Init(Options):
     """Write a folder to start from: an AV class, a config for `run --config`, and a README."""
 
-    folder: Annotated[Path | str, Option("The folder; new, or without these files.", metavar="DIR")] = field(
+    folder: Annotated[Path | str, meant("The folder; new, or without these files.", metavar="DIR")] = field(
         kw_only=False
     )
 
 
-@dataclass(frozen=True, kw_only=True)
 class Run(WorldOptions, Resumable, LongWork):
     """Do the whole job: natural traffic, natural crash rate, training, cases, analyses, report."""
 
     effort: Annotated[
         str | None,
-        Option(
+        meant(
             "quick (4 minutes on 2 cores), standard (15) or paper.", near=("quick", "standard", "paper"),
             default="quick",
         ),
     ] = None  # fmt: skip
     hours: Annotated[
         float | None,
-        Option(
+        meant(
             "Time for all of it instead of an effort: does what fits, so results depend on speed. For slow AVs.",
             low=0.001, high=1000.0, unit="h",
         ),
     ] = None  # fmt: skip
     stand_in: Annotated[
-        str, Option("Built-in AV to train against when the hours are too few to train against --av.")
+        str, meant("Built-in AV to train against when the hours are too few to train against --av.")
     ] = STAND_IN
-    out: Annotated[Path | str, Option("Folder for everything; new or empty.")] = "cornerforge-out"
+    out: Annotated[Path | str, meant("Folder for everything; new or empty.")] = "cornerforge-out"
     reward: Annotated[str, REWARD] = "crash"
 
 
-@dataclass(frozen=True, kw_only=True)
 class MakeReport(LongWork):
     """Make the page of a run, of a natural rate or of any library, whichever AV made it."""
 
-    place: Annotated[Path | str, Option("A library, or a folder of run or rate.", metavar="LIB|RUN")] = field(
+    place: Annotated[Path | str, meant("A library, or a folder of run or rate.", metavar="LIB|RUN")] = field(
         kw_only=False
     )
     out: Annotated[
-        Path | str, Option("Of a library: folder for report.html and analysis/. The page of a run stays there.")
+        Path | str, meant("Of a library: folder for report.html and analysis/. The page of a run stays there.")
     ] = "cornerforge-report"
     avoidability: Annotated[str | int, LOOKS] = DEFAULT_LOOKS
     reaction: Annotated[float, REACTION] = 0.0

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from cornerforge.analysis.flaw import headline
 from cornerforge.results import Analysed
 from cornerforge.results.analysis import Judges, NaturalKind, ShareAtReaction
+from cornerforge.verbs.sentences.numbers import short
 
 __all__ = ["analyse_text", "judgement_text", "natural_text", "wrong_text"]
 
@@ -49,8 +50,7 @@ def natural_text(r: Analysed) -> list[str]:
 
 def _miles(kind: NaturalKind) -> str:
     low, high = kind.interval95_miles
-    text = f"once in {kind.miles_between:.3g} miles ({low:.3g} to {high:.3g})"
-    return text.replace("e+0", "e").replace("e+", "e")
+    return f"once in {short(kind.miles_between)} miles ({short(low)} to {short(high)})"
 
 
 def wrong_text(natural: Analysed | None, adversary: Analysed | None) -> list[str]:

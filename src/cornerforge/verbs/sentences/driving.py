@@ -1,13 +1,13 @@
-"""Results of driving as text: `simulate`, `avs`, `check-av`."""
+"""Results of driving and of learning as text: `simulate`, `avs`, `check-av`, `train`, `train-av`."""
 
 from __future__ import annotations
 
 from cornerforge._words import speed_text, spoken
-from cornerforge.results import AvChecked, Avs, Simulated
+from cornerforge.results import AvChecked, Avs, Simulated, Trained, TrainedAv
 from cornerforge.results.driving import Quantity
-from cornerforge.verbs.sentences.numbers import fault_text, rate_text
+from cornerforge.verbs.sentences.numbers import ABANDONED, fault_text, rate_text, yield_text
 
-__all__ = ["avs_text", "check_av_failed", "check_av_text", "simulate_text"]
+__all__ = ["avs_text", "check_av_failed", "check_av_text", "simulate_text", "train_av_text", "train_text"]
 
 
 def simulate_text(found: Simulated) -> str:
@@ -60,3 +60,22 @@ def check_av_text(found: AvChecked) -> str:
 def check_av_failed(found: AvChecked) -> str | None:
     """Say that the command fails, which its text has told already; None if all trials passed."""
     return None if found.passed else ""
+
+
+def train_text(found: Trained) -> str:
+    """Write the yields of the adversary and of plain ones, and where the policy is."""
+    lines = [yield_text(found, "Adversary", found.reward)]
+    lines += [yield_text(one, f"{one.name:>21}", found.reward) for one in found.baselines]
+    lines += fault_text(found.av_faults, ABANDONED)
+    return "\n".join([*lines, f"{found.decisions:,} decisions in {found.seconds:.0f} s; policy: {found.out}"])
+
+
+def train_av_text(found: TrainedAv) -> str:
+    """Write how often the AV crashes in natural traffic, how fast it drives, and where it is."""
+    return "\n".join(
+        [
+            rate_text(found, "Natural traffic"),
+            f"Mean speed {found.mean_speed:.1f} m/s",
+            f"{found.decisions:,} s of driving in {found.seconds:.0f} s; AV: {found.out}",
+        ]
+    )

@@ -6,7 +6,11 @@ from cornerforge.foreign.av_log import latest_log
 from cornerforge.results import Filled, NaturalRate
 from cornerforge.results.rates import Rate, Yield
 
-__all__ = ["fault_text", "paid_text", "rate_text", "training_fault_text", "yield_text"]
+__all__ = ["ABANDONED", "fault_text", "paid_text", "rate_text", "short", "yield_text"]
+
+
+ABANDONED = "training tests abandoned"
+"""What is done with tests of a training that the AV spoils."""
 
 
 def rate_text(r: Rate | Filled, what: str) -> str:
@@ -39,23 +43,15 @@ def yield_text(r: Yield, what: str, reward: str) -> str:
     return line if share is None else f"{line}; the AV strikes in {100.0 * share:.1f} %"
 
 
-def fault_text(av_faults: int) -> list[str]:
-    """A line on tests that the AV spoiled, if it did."""
+def fault_text(av_faults: int, what: str = "tests left out") -> list[str]:
+    """A line on tests that the AV spoiled, and what was done with them, if it did."""
     if av_faults == 0:
         return []
-    return [f"{av_faults:,} tests left out, because the AV raised, hung or gave no usable answer in them{_log_text()}."]
-
-
-def training_fault_text(av_faults: int) -> list[str]:
-    """A line on tests of a training that the AV spoiled, if it did."""
-    if av_faults == 0:
-        return []
-    return [
-        f"{av_faults:,} training tests abandoned, because the AV raised, hung or gave no usable answer in "
-        f"them{_log_text()}."
-    ]
-
-
-def _log_text() -> str:
     path = latest_log()
-    return "" if path is None else f"; what it printed, and its tracebacks: {path}"
+    log = "" if path is None else f"; what it printed, and its tracebacks: {path}"
+    return [f"{av_faults:,} {what}, because the AV raised, hung or gave no usable answer in them{log}."]
+
+
+def short(value: float) -> str:
+    """A number in three digits, a power of ten without its plus and zero."""
+    return f"{value:.3g}".replace("e+0", "e").replace("e+", "e")

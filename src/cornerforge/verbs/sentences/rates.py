@@ -6,7 +6,7 @@ from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.rates.plain import ASKED
 from cornerforge.rates.weighted import LEAST_EFFECTIVE, LEAST_TREES
 from cornerforge.results import NaturalRate
-from cornerforge.verbs.sentences.numbers import fault_text, rate_text
+from cornerforge.verbs.sentences.numbers import fault_text, rate_text, short
 
 __all__ = ["doubt_text", "miles_text", "model_text", "rate_lines", "rated_text"]
 
@@ -64,9 +64,9 @@ def miles_text(found: NaturalRate) -> list[str]:
         return []
     low, high = found.interval95_per_mile
     if not found.crashes_per_mile:
-        return [f"No crash; at most once in {_short(1.0 / high)} miles (95 %)"]
-    most = _short(1.0 / low) if low > 0.0 else "no bound"
-    return [f"Once in {_short(1.0 / found.crashes_per_mile)} miles ({_short(1.0 / high)} to {most})"]
+        return [f"No crash; at most once in {short(1.0 / high)} miles (95 %)"]
+    most = short(1.0 / low) if low > 0.0 else "no bound"
+    return [f"Once in {short(1.0 / found.crashes_per_mile)} miles ({short(1.0 / high)} to {most})"]
 
 
 def model_text(found: NaturalRate) -> list[str]:
@@ -83,7 +83,7 @@ def model_text(found: NaturalRate) -> list[str]:
         wide = f"{low:.3g} to {high:.3g} per test"
     else:
         low, high = model.interval95_per_mile
-        wide = f"once in {_short(1.0 / high)} to {_short(1.0 / low) if low > 0.0 else 'no bound'} miles"
+        wide = f"once in {short(1.0 / high)} to {short(1.0 / low) if low > 0.0 else 'no bound'} miles"
     least, most = model.cv_interval95
     unit = "tests" if found.method == "mc" else "trees"
     apart = (
@@ -97,10 +97,6 @@ def model_text(found: NaturalRate) -> list[str]:
         f"With the model's own uncertainty: {wide} (95 %). {model.draws} drawn models ({model.effective_draws:.1f} "
         f"effective: BVs must crash as people do), {model.tests_each:,} {unit} each: {apart}{doubts}."
     ]
-
-
-def _short(value: float) -> str:
-    return f"{value:.3g}".replace("e+0", "e").replace("e+", "e")
 
 
 def _precision_line(found: NaturalRate) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cornerforge.results import Initialised, Reported, RunDone
 from cornerforge.verbs.sentences.analysis import wrong_text
-from cornerforge.verbs.sentences.numbers import paid_text, rate_text, training_fault_text
+from cornerforge.verbs.sentences.numbers import ABANDONED, fault_text, paid_text, rate_text
 from cornerforge.verbs.sentences.rates import doubt_text, miles_text
 
 __all__ = ["init_text", "report_text", "run_text"]
@@ -32,7 +32,7 @@ def run_text(found: RunDone) -> str:
             *miles_text(found.natural),
             *([] if doubt is None else [doubt]),
             rate_text(found.train, "Adversary") + paid_text(found.train, found.reward),
-            *training_fault_text(found.train.av_faults),
+            *fault_text(found.train.av_faults, ABANDONED),
             f"{found.generate.cases:,} cases in {found.generate.library}; {kinds}{found.seconds:.0f} s",
             *(() if found.spending is None else (f"Not found: {text}" for text in found.spending.not_found)),
             f"Report: {found.report}",
