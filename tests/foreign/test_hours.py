@@ -16,9 +16,9 @@ import pytest
 
 import cornerforge
 from cornerforge.errors import CornerForgeError
+from cornerforge.execution.stages import Stages
 from cornerforge.library import CaseLibrary
 from cornerforge.results import RunDone, as_json
-from cornerforge.verbs.stages import Stages
 
 pytestmark = [pytest.mark.full, pytest.mark.usefixtures("in_memory")]
 
@@ -81,7 +81,7 @@ def portion(first: int, tests: int, seconds: float, crashed: tuple[int, ...] = (
 
 def test_portions_end_in_time_and_follow_the_speed(tmp_path: Path) -> None:
     """0.1 tests/s were expected, 0.04 came."""
-    found = spend._in_portions(
+    found = spend.in_portions(
         Stages(tmp_path), "x", plan(), until=1000.0, spent=100.0, drive=lambda first, n: portion(first, n, n / 0.04)
     )
     assert [p.first for p in found] == [0, *itertools.accumulate(p.tests for p in found)][:-1]
@@ -90,14 +90,14 @@ def test_portions_end_in_time_and_follow_the_speed(tmp_path: Path) -> None:
 
 
 def test_one_portion_is_driven_though_the_time_is_over(tmp_path: Path) -> None:
-    found = spend._in_portions(
+    found = spend.in_portions(
         Stages(tmp_path), "x", plan(), until=10.0, spent=100.0, drive=lambda first, n: portion(first, n, 900.0)
     )
     assert [p.tests for p in found] == [8]
 
 
 def test_portions_end_when_more_are_of_no_use(tmp_path: Path) -> None:
-    found = spend._in_portions(
+    found = spend.in_portions(
         Stages(tmp_path), "x", plan(), until=1e6, spent=0.0, drive=lambda first, n: portion(first, n, 1.0),
         enough=lambda done: len(done) == 3,
     )  # fmt: skip
@@ -112,16 +112,16 @@ def test_stored_portions_are_not_driven_again_and_decide_the_next(tmp_path: Path
 
     arguments = {"until": 4000.0, "spent": 0.0}
     with pytest.raises(KeyboardInterrupt):
-        spend._in_portions(Stages(tmp_path / "a"), "x", plan(), drive=stopped, **arguments)
+        spend.in_portions(Stages(tmp_path / "a"), "x", plan(), drive=stopped, **arguments)
     driven: list[int] = []
 
     def on(first: int, n: int) -> Any:
         driven.append(first)
         return portion(first, n, n / 0.3)
 
-    resumed = spend._in_portions(Stages(tmp_path / "a"), "x", plan(), drive=on, **arguments)
+    resumed = spend.in_portions(Stages(tmp_path / "a"), "x", plan(), drive=on, **arguments)
     assert min(driven) > 200
-    assert resumed == spend._in_portions(Stages(tmp_path / "b"), "x", plan(), drive=on, **arguments)
+    assert resumed == spend.in_portions(Stages(tmp_path / "b"), "x", plan(), drive=on, **arguments)
 
 
 # --- words ---
