@@ -31,7 +31,6 @@ from cornerforge.cli.output import Bars, compiling_text, run_command
 from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.policy import n_weights
 from cornerforge.errors import InputError
-from cornerforge.execution.stages import Stages
 from cornerforge.experiment.policy_file import Policy, save_policy
 from cornerforge.ext.calibrate.layouts import DATA_FORMATS
 from cornerforge.ext.paper.bench import REPRODUCE_EFFORTS
@@ -39,6 +38,7 @@ from cornerforge.ext.paper.registry import ITEMS
 from cornerforge.report import judged
 from cornerforge.types import ODDS
 from cornerforge.verbs.options import COMMANDS
+from cornerforge.work.stages import Stages
 from cornerforge.world_options import PLAIN_ADVERSARIES, REWARD_NAMES
 
 run_module = importlib.import_module("cornerforge.verbs.run")

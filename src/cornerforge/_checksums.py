@@ -35,12 +35,10 @@ __all__ = [
     "json_checksum",
     "read_arrays",
     "read_json",
-    "read_json_file",
     "read_tensors",
     "weights_of",
     "with_checksum",
     "write_arrays",
-    "write_json",
     "write_tensors",
 ]
 
@@ -134,22 +132,6 @@ def read_json(path: Path, advice: str) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise FileFormatError(f"{path} holds no JSON object; {advice}.")
     return check_json(path, content)
-
-
-def read_json_file(path: Path) -> dict[str, Any]:
-    """Read a JSON object that `write_json` wrote; gives it without its checksum.
-
-    Raises:
-        FileFormatError: It is damaged, or has been changed.
-    """
-    return read_json(path, "remove it, or choose another place")
-
-
-def write_json(path: Path, content: Mapping[str, Any], *, checksum: bool = True) -> None:
-    """Write a JSON file whole, with its checksum if wanted; NaN and infinity are refused."""
-    told = with_checksum(content) if checksum else dict(content)
-    with writing(path) as part:
-        part.write_text(json.dumps(told, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _header_checksum(header: Mapping[str, Any], arrays: _Arrays) -> str:

@@ -27,7 +27,7 @@ from typing import Annotated, Any, Concatenate, ParamSpec, TypeVar, cast, get_ar
 from cornerforge._arguments import allowed_types, check_value, is_several
 from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge._locks import claims
-from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge.work.progress import NO_PROGRESS, Progress
 
 __all__ = [
     "Command", "LongWork", "Option", "Options", "Resumable", "Seeded", "Threaded", "Watched", "is_required", "made_of",

@@ -16,9 +16,9 @@ import pytest
 
 import cornerforge
 from cornerforge.errors import CornerForgeError
-from cornerforge.execution.stages import Stages
 from cornerforge.library import CaseLibrary
 from cornerforge.results import RunDone, as_json
+from cornerforge.work.stages import Stages
 
 pytestmark = [pytest.mark.full, pytest.mark.usefixtures("in_memory")]
 

@@ -18,12 +18,12 @@ from types import MappingProxyType
 from typing import Any
 
 from cornerforge._checks import check_path
-from cornerforge._checksums import read_json_file, write_json
 from cornerforge._files import is_part_of, reason, writing
 from cornerforge._locks import claim_file, claim_folder, command_line, is_lock
 from cornerforge.errors import InputError, OutputError
-from cornerforge.execution import code_hash
 from cornerforge.foreign.interpreter import in_use
+from cornerforge.work import code_hash
+from cornerforge.work.files import read_json_file, write_json
 
 __all__ = [
     "called_with",

@@ -11,7 +11,6 @@ from typing import Annotated, Any
 
 from cornerforge._schema import Whole, meant, read
 from cornerforge.errors import FileFormatError
-from cornerforge.execution import cpu_seconds
 from cornerforge.intervals import binomial_interval
 from cornerforge.sim import (
     DriveChunk,
@@ -24,6 +23,7 @@ from cornerforge.sim import (
     statistics,
 )
 from cornerforge.types import METRES_PER_MILE
+from cornerforge.work import cpu_seconds
 
 __all__ = [
     "BLOCK",

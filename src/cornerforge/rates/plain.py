@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge.errors import CornerForgeError, FileFormatError
-from cornerforge.execution.progress import NO_PROGRESS, Progress, moving
 from cornerforge.experiment.counting import rate_summary
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import code_hash, open_output, read_json_file, remove_folder, version, write_json
@@ -30,6 +29,7 @@ from cornerforge.rates.exposure import SAMPLE_TESTS, BvTravel, bv_travel
 from cornerforge.rates.monte_carlo import BLOCK, CHUNK, MonteCarlo, drive_blocks, relative_half_width
 from cornerforge.results import NaturalRate, as_json
 from cornerforge.results.driving import BvMilesEstimate, Cost, Effort, KindRate
+from cornerforge.work.progress import NO_PROGRESS, Progress, moving
 
 __all__ = ["ASKED", "ENOUGH_TO_FORESEE", "PlainTests", "cost_of", "kept_if_interrupted"]
 

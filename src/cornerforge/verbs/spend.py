@@ -23,8 +23,6 @@ from cornerforge.adversary.config import preset_named
 from cornerforge.adversary.verdicts import count_paid
 from cornerforge.adversary.worlds import reward_numbers
 from cornerforge.errors import InputError
-from cornerforge.execution import cpu_seconds
-from cornerforge.execution.stages import Stage, Stages
 from cornerforge.experiment.counting import drive_tests, rate_summary, simulate_experiment
 from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.output import code_hash, version
@@ -46,6 +44,8 @@ from cornerforge.verbs.options.whole import Run
 from cornerforge.verbs.rate import PLAIN_TESTS
 from cornerforge.verbs.stages import LIBRARY_FILES, Counted, Job, PlainRates, TrainedStage, exposure_counts
 from cornerforge.verbs.train import judge, yield_of
+from cornerforge.work import cpu_seconds
+from cornerforge.work.stages import Stage, Stages
 
 __all__ = ["spend"]
 

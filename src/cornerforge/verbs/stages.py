@@ -15,7 +15,6 @@ from cornerforge._checks import check_integer
 from cornerforge._schema import Whole
 from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig, preset_named
-from cornerforge.execution.stages import Stage, Stages
 from cornerforge.experiment.counting import simulate_experiment, tally_summary
 from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.output import SUMMARY, code_hash, config_hash, open_output, provenance, version, write_json
@@ -39,6 +38,7 @@ from cornerforge.verbs.train import (
     point_seconds,
     training_faults,
 )
+from cornerforge.work.stages import Stage, Stages
 
 __all__ = ["LIBRARY_FILES", "Counted", "Job", "NaturalCases", "PlainRates", "TrainedStage", "exposure_counts"]
 

@@ -15,7 +15,6 @@ from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.verdicts import count_paid, verdict_of
 from cornerforge.adversary.worlds import judge_crashes, reward_numbers
 from cornerforge.errors import OutputError
-from cornerforge.execution.progress import NO_PROGRESS, Progress, moving
 from cornerforge.experiment.counting import drive_tests, rate_summary
 from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.forecast import forecast
@@ -30,6 +29,7 @@ from cornerforge.results.learning import Baseline
 from cornerforge.results.rates import Yield
 from cornerforge.sim import ADVERSARIES, NO_CAST, Tally, crashed_tests
 from cornerforge.verbs.options.learning import Train
+from cornerforge.work.progress import NO_PROGRESS, Progress, moving
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

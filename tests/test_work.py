@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from cornerforge.errors import InputError
-from cornerforge.execution import Rooms, in_order
+from cornerforge.work import Rooms, in_order
 
 
 @pytest.mark.parametrize("threads", [1, 3])

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from cornerforge._checksums import read_json_file, write_json
 from cornerforge._schema import read
-from cornerforge.execution.progress import NO_PROGRESS, Progress, begin_part
 from cornerforge.results import as_json
+from cornerforge.work.files import read_json_file, write_json
+from cornerforge.work.progress import NO_PROGRESS, Progress, begin_part
 
 __all__ = ["Stage", "Stages"]
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from cornerforge.execution.stages import Stage, Stages
 from cornerforge.verbs.stages import PlainRates
+from cornerforge.work.stages import Stage, Stages
 
 
 def test_a_finished_stage_is_done_again_only_if_what_it_made_is_gone(tmp_path: Path) -> None:
