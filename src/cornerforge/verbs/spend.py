@@ -101,46 +101,27 @@ class Plan:
     seconds: float
 
 
-@dataclass(frozen=True)
-class Portion:
+@dataclass(frozen=True, kw_only=True)
+class Portion(Block):
     """Tests that were driven together.
 
     Attributes:
-        first, tests: Which; `tests` counts those too that the AV spoiled.
-        seconds, cpu_seconds: What they took [s].
-        av_faults, bv_crashes, decisions, millimetres, digest: As in `Tally`.
+        first: The first of them.
         frames, bv_millimetres: Time driven [0.1 s], and what BVs drove, as counted at decisions [mm].
-        crashed: Tests in which the AV crashed.
-        strikes, avoidable: Of these, the AV struck, braking would have avoided it; judged for an adversary only.
+        strikes, avoidable: Of the crashed tests, the AV struck, braking would have avoided it; judged for an adversary
+            only.
         paid, strictly: As `verdicts.count_paid` gives them; None where nothing is judged.
         exposure: As in `Counted`.
     """
 
     first: Whole
-    tests: Whole
-    seconds: float
-    cpu_seconds: float
-    av_faults: Whole
-    bv_crashes: Whole
-    decisions: Whole
-    millimetres: Whole
-    digest: str
     frames: Whole
     bv_millimetres: Whole
-    crashed: tuple[Whole, ...]
     strikes: Whole
     avoidable: Whole
     exposure: dict[str, tuple[Whole, ...]]
     paid: Whole | None = None
     strictly: Whole | None = None
-
-    @property
-    def block(self) -> Block:
-        """The counts that are those of a natural rate."""
-        return Block(
-            self.tests, self.bv_crashes, self.decisions, self.millimetres, self.seconds, self.cpu_seconds,
-            self.crashed, self.digest, self.av_faults,
-        )  # fmt: skip
 
 
 class _ByClock(Job):
@@ -259,7 +240,7 @@ class _ByClock(Job):
         crashed = [test for test in stored if first <= test < first + tests]
         strikes, avoidable = judge(run, self.seed, crashed, reward_numbers("avoidable", 1.0), threads)
         return _portion(
-            first, begun, tally, 0, crashed=tuple(crashed), strikes=int(strikes.sum()), avoidable=int(avoidable.sum()),
+            first, begun, tally, crashed, 0, strikes=int(strikes.sum()), avoidable=int(avoidable.sum()),
             **count_paid(run, self.seed, crashed, reward, threads),
         )  # fmt: skip
 
@@ -294,7 +275,7 @@ class _ByClock(Job):
         for start, out in drive_tests(run, tally, stage, first=first, tests=tests, counting=True, **self.how):
             frames += int(out.frame.sum(dtype=np.int64))
             crashed += crashed_tests(start, out)
-        return _portion(first, begun, tally, frames, crashed=tuple(crashed), strikes=0, avoidable=0)
+        return _portion(first, begun, tally, crashed, frames, strikes=0, avoidable=0)
 
     def _traffic(self) -> Counted:
         if not self._plan.trees:
@@ -322,13 +303,10 @@ class _ByClock(Job):
         self, name: str, share: float, drive: Callable[[int, int], Portion], most: int, makes: Sequence[str] = ()
     ) -> list[Portion]:
         """Drive portions until a share of the time is over, or until `most` crashes are found."""
-        found = self.found
+        found, until = self.found, share * 3600.0 * self._hours
         before = (found["plan"], found["train"].policy, *found.get("attack", ()), found.get("baselines"))
-        return in_portions(
-            Stages(self.folder), name, self._plan, share * 3600.0 * self._hours,
-            sum(one.seconds for one in before if one is not None), drive,
-            lambda done: sum(len(p.crashed) for p in done) >= most, makes,
-        )  # fmt: skip
+        spent = sum(one.seconds for one in before if one is not None)
+        return in_portions(Stages(self.folder), name, self._plan, until, spent, drive, most, makes)
 
     def _spending(self) -> Spending:
         plan, found, attacks = self._plan, self.found, self.found["attack"]
@@ -350,7 +328,7 @@ def in_portions(
     until: float,
     spent: float,
     drive: Callable[[int, int], Portion],
-    enough: Callable[[Sequence[Portion]], bool] = lambda _: False,
+    most: int,
     makes: Sequence[str] = (),
 ) -> list[Portion]:
     """Drive portions of tests while there is time, one at least.
@@ -362,13 +340,13 @@ def in_portions(
         until: Time at which the last portion should end [s].
         spent: Time that other parts took before [s].
         drive: Drives a portion: first test, number of tests.
-        enough: Says whether more would be of no use.
+        most: So many crashes are enough.
         makes: Files that each portion adds to, as for `Stages.do`.
     """
     done: list[Portion] = []
     speed, least = plan.tests_per_second, 4 * plan.processes
     share = (until - spent) / _PORTIONS
-    while not done or not enough(done):
+    while sum(len(portion.crashed) for portion in done) < most:
         left = until - spent
         if done and speed * left < least:
             break
@@ -381,13 +359,14 @@ def in_portions(
     return done
 
 
-def _portion(first: int, begun: tuple[float, float], tally: Tally, frames: int, **found: Any) -> Portion:
+def _portion(
+    first: int, begun: tuple[float, float], tally: Tally, crashed: Sequence[int], frames: int, **judged: Any
+) -> Portion:
     """Make a portion of its sums."""
-    return Portion(
-        first=first, tests=tally.tests + tally.av_faults, seconds=_clock() - begun[0],
-        cpu_seconds=cpu_seconds() - begun[1], av_faults=tally.av_faults, bv_crashes=tally.bv_crashes,
-        decisions=tally.decisions, millimetres=tally.millimetres, digest=tally.digest.hexdigest(), frames=frames,
-        bv_millimetres=int(tally.counts.totals[statistics.BV_TRAVEL_MM]), exposure=exposure_counts(tally), **found,
+    bv_millimetres, exposure = int(tally.counts.totals[statistics.BV_TRAVEL_MM]), exposure_counts(tally)
+    return Portion.of(
+        tally, begun, _clock(), crashed, first=first, frames=frames, bv_millimetres=bv_millimetres, exposure=exposure,
+        **judged,
     )  # fmt: skip
 
 
@@ -395,7 +374,7 @@ def _summed(portions: Sequence[Portion]) -> MonteCarlo:
     """Sum portions up."""
     sums = MonteCarlo()
     for portion in portions:
-        sums = sums.plus(portion.block)
+        sums = sums.plus(portion)
     return sums
 
 
