@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from measuring import Series, table
 from versus_c import AIM as AIM_C
 
-from cornerforge.execution import default_threads
+from cornerforge.work import default_threads
 
 if TYPE_CHECKING:
     from scaling import Scaling

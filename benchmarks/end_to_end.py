@@ -14,12 +14,12 @@ from measuring import Series, interleave, table
 
 from cornerforge import analyse, generate
 from cornerforge.adversary.config import preset_named
-from cornerforge.execution import default_threads
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.policy_file import Policy
 from cornerforge.experiment.setting import experiment
 from cornerforge.sim.runner import simulate, warm_up
 from cornerforge.verbs.train import learn
+from cornerforge.work import default_threads
 
 __all__ = ["EndToEnd", "Sizes", "measure_end_to_end", "render"]
 

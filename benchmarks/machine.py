@@ -9,8 +9,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from cornerforge.execution import default_threads
 from cornerforge.experiment.output import code_hash
+from cornerforge.work import default_threads
 
 __all__ = ["BUSY_LOAD", "Machine", "describe", "this_machine"]
 

@@ -12,13 +12,13 @@ from typing import Any
 from measuring import Series, interleave, on_one_core, table
 from worlds import SEED, driven_seconds, mean_bvs, with_bvs
 
-from cornerforge.execution import default_threads
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.setting import experiment
 from cornerforge.sim.runner import simulate, simulate_chunks, warm_up
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import allocate_worlds, world_of
+from cornerforge.work import default_threads
 
 __all__ = ["GROUND_TRUTH_TESTS", "Memory", "Scaling", "measure_scaling", "render"]
 

@@ -28,7 +28,6 @@ from ground_truth_settings import SETTINGS, Setting
 from ledger import read_ledger, simulation_hash, trees_hash
 from measuring import table
 
-from cornerforge.execution.progress import NO_PROGRESS
 from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.output import read_json_file, write_json
 from cornerforge.experiment.setting import experiment
@@ -38,6 +37,7 @@ from cornerforge.rates import binomial_interval
 from cornerforge.rates.splitting import Splitting, kind_rates
 from cornerforge.rates.weighted import LARGEST_SHARE, LEAST_EFFECTIVE
 from cornerforge.sim import simulate
+from cornerforge.work.progress import NO_PROGRESS
 
 OURS = Path(__file__).with_name("tree_rates.json")
 IN_DOCUMENT = MarkedBlock("benchmarks/tree_rates.py")

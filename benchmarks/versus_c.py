@@ -11,10 +11,10 @@ from measuring import Series, interleave, on_one_core, ratio, table
 from worlds import SEED, driven_seconds, with_bvs
 from yardstick import COMPILER, FLAGS, Yardstick, compiler_version, has_compiler, same_outcomes
 
-from cornerforge.execution import default_threads
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.setting import experiment
 from cornerforge.sim.runner import drive_chunk, warm_up
+from cornerforge.work import default_threads
 
 __all__ = ["AIM", "Comparison", "compare", "render"]
 

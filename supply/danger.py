@@ -14,12 +14,12 @@ from pathlib import Path
 
 from cornerforge._checksums import write_arrays
 from cornerforge.drivers.avs import AVS
-from cornerforge.execution import default_threads
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.setting import experiment
 from cornerforge.rates.branching.drive import TrainingTable, drive_trees
 from cornerforge.rates.branching.population import Plan
 from cornerforge.rates.teaching import DangerLearner, blind_plan, level_of, wide_plan_of
+from cornerforge.work import default_threads
 
 SEED = 20_261_127
 ALONE = (16_000, 32_000, 64_000)

@@ -22,7 +22,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from cornerforge._kernel_cache import SHIPPED, cache_folder, target
-from cornerforge.execution import code_hash
+from cornerforge.work import code_hash
 
 ROOT = Path(__file__).parents[1]
 JOBS = {

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from filelock import FileLock
 
-from cornerforge.execution import code_hash
+from cornerforge.work import code_hash
 
 __all__ = ["artefact", "made_once"]
 

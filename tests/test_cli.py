@@ -38,7 +38,7 @@ from cornerforge.ext.paper.registry import ITEMS
 from cornerforge.report import judged
 from cornerforge.types import ODDS
 from cornerforge.verbs.options import COMMANDS
-from cornerforge.verbs.stages import Stages
+from cornerforge.work.stages import Stages
 from cornerforge.world_options import PLAIN_ADVERSARIES, REWARD_NAMES
 
 run_module = importlib.import_module("cornerforge.verbs.run")

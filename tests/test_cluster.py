@@ -21,15 +21,15 @@ from folder_snapshot import snapshot
 import cornerforge
 from cornerforge.cli import main
 from cornerforge.errors import EngineError, InputError
-from cornerforge.execution import cluster as cluster_module
-from cornerforge.execution import cpu_seconds, engine, in_order
-from cornerforge.execution.worker import work_on
 from cornerforge.experiment.setting import experiment
 from cornerforge.library import CaseLibrary
 from cornerforge.rates.branching import danger
 from cornerforge.rates.branching.drive import drive_trees
 from cornerforge.rates.branching.population import Plan
 from cornerforge.rates.teaching import plan_of, tilted_plan_of
+from cornerforge.work import cluster as cluster_module
+from cornerforge.work import cpu_seconds, engine, in_order
+from cornerforge.work.worker import work_on
 
 pytestmark = pytest.mark.full
 
@@ -204,8 +204,8 @@ def test_an_av_from_outside_stays_here(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_worker_keeps_few_works() -> None:
     import pickle
 
-    from cornerforge.execution import worker
-    from cornerforge.execution.code import code_hash
+    from cornerforge.work import worker
+    from cornerforge.work.code import code_hash
 
     for name in ("a", "b", "c"):
         done = work_on(code_hash(), name, lambda: pickle.dumps(where), [(0, 2)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 
-from cornerforge.execution import in_order, is_given_up
+from cornerforge.work import in_order, is_given_up
 
 
 def test_work_learns_that_it_is_given_up() -> None:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from cornerforge._doors import door
 
 if TYPE_CHECKING:
-    from cornerforge.execution import engine
     from cornerforge.ext.calibrate.naturalistic import ndd_fit, ndd_import
     from cornerforge.ext.calibrate.show import ndd_show
     from cornerforge.ext.calibrate.validating import ndd_validate
@@ -41,6 +40,7 @@ if TYPE_CHECKING:
     from cornerforge.verbs.simulate import simulate
     from cornerforge.verbs.train import train
     from cornerforge.verbs.train_av import train_av
+    from cornerforge.work import engine
 
 __all__ = [
     "__version__",
@@ -91,7 +91,7 @@ __getattr__ = door(
         "cases_from_data": "ext.interchange.from_data",
         "check_av": "verbs.check_av",
         "drive_case": "verbs.drive_case",
-        "engine": "execution",
+        "engine": "work",
         "export": "ext.interchange.export",
         "figure": "ext.pictures.figure",
         "generate": "verbs.generate",

@@ -26,7 +26,7 @@ from msgspec import Meta
 
 from cornerforge._locks import claims
 from cornerforge._schema import Declared, check_value, hints_of, meant, shown_of, unit_of
-from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge.work.progress import NO_PROGRESS, Progress
 
 __all__ = [
     "Command", "LongWork", "Options", "Resumable", "Seeded", "Threaded", "Watched", "made_of",

@@ -18,7 +18,7 @@ import cornerforge
 from cornerforge.errors import CornerForgeError
 from cornerforge.library import CaseLibrary
 from cornerforge.results import RunDone, as_json
-from cornerforge.verbs.stages import Stages
+from cornerforge.work.stages import Stages
 
 pytestmark = [pytest.mark.full, pytest.mark.usefixtures("in_memory")]
 
@@ -81,8 +81,14 @@ def portion(first: int, tests: int, seconds: float, crashed: tuple[int, ...] = (
 
 def test_portions_end_in_time_and_follow_the_speed(tmp_path: Path) -> None:
     """0.1 tests/s were expected, 0.04 came."""
-    found = spend._in_portions(
-        Stages(tmp_path), "x", plan(), until=1000.0, spent=100.0, drive=lambda first, n: portion(first, n, n / 0.04)
+    found = spend.in_portions(
+        Stages(tmp_path),
+        "x",
+        plan(),
+        until=1000.0,
+        spent=100.0,
+        most=9,
+        drive=lambda first, n: portion(first, n, n / 0.04),
     )
     assert [p.first for p in found] == [0, *itertools.accumulate(p.tests for p in found)][:-1]
     assert 100.0 + sum(p.seconds for p in found) <= 1000.0
@@ -90,16 +96,16 @@ def test_portions_end_in_time_and_follow_the_speed(tmp_path: Path) -> None:
 
 
 def test_one_portion_is_driven_though_the_time_is_over(tmp_path: Path) -> None:
-    found = spend._in_portions(
-        Stages(tmp_path), "x", plan(), until=10.0, spent=100.0, drive=lambda first, n: portion(first, n, 900.0)
+    found = spend.in_portions(
+        Stages(tmp_path), "x", plan(), until=10.0, spent=100.0, most=9, drive=lambda first, n: portion(first, n, 900.0)
     )
     assert [p.tests for p in found] == [8]
 
 
 def test_portions_end_when_more_are_of_no_use(tmp_path: Path) -> None:
-    found = spend._in_portions(
-        Stages(tmp_path), "x", plan(), until=1e6, spent=0.0, drive=lambda first, n: portion(first, n, 1.0),
-        enough=lambda done: len(done) == 3,
+    found = spend.in_portions(
+        Stages(tmp_path), "x", plan(), until=1e6, spent=0.0, most=3,
+        drive=lambda first, n: portion(first, n, 1.0, (first,)),
     )  # fmt: skip
     assert len(found) == 3
 
@@ -110,18 +116,18 @@ def test_stored_portions_are_not_driven_again_and_decide_the_next(tmp_path: Path
             raise KeyboardInterrupt
         return portion(first, n, n / 0.3)
 
-    arguments = {"until": 4000.0, "spent": 0.0}
+    arguments: dict[str, Any] = {"until": 4000.0, "spent": 0.0, "most": 9}
     with pytest.raises(KeyboardInterrupt):
-        spend._in_portions(Stages(tmp_path / "a"), "x", plan(), drive=stopped, **arguments)
+        spend.in_portions(Stages(tmp_path / "a"), "x", plan(), drive=stopped, **arguments)
     driven: list[int] = []
 
     def on(first: int, n: int) -> Any:
         driven.append(first)
         return portion(first, n, n / 0.3)
 
-    resumed = spend._in_portions(Stages(tmp_path / "a"), "x", plan(), drive=on, **arguments)
+    resumed = spend.in_portions(Stages(tmp_path / "a"), "x", plan(), drive=on, **arguments)
     assert min(driven) > 200
-    assert resumed == spend._in_portions(Stages(tmp_path / "b"), "x", plan(), drive=on, **arguments)
+    assert resumed == spend.in_portions(Stages(tmp_path / "b"), "x", plan(), drive=on, **arguments)
 
 
 # --- words ---

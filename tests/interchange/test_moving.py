@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cornerforge.execution.progress import NO_PROGRESS, Moving, moving
+from cornerforge.work.progress import NO_PROGRESS, Moving, moving
 
 Report = tuple[str, float, float]
 

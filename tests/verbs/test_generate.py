@@ -25,7 +25,6 @@ from cornerforge._checksums import with_checksum
 from cornerforge.adversary.config import PRESETS
 from cornerforge.drivers.policy import n_weights
 from cornerforge.errors import CornerForgeError, FileFormatError, InputError, OutputError, UnknownNameError
-from cornerforge.execution.progress import NO_PROGRESS
 from cornerforge.experiment.policy_file import Policy, load_policy, policy_hash, save_policy
 from cornerforge.experiment.setting import experiment
 from cornerforge.library import CaseLibrary, case_record
@@ -34,6 +33,7 @@ from cornerforge.results import Queried, Replayed, as_json
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.setting import cast_index
 from cornerforge.types import Odd
+from cornerforge.work.progress import NO_PROGRESS
 
 pytestmark = pytest.mark.full
 

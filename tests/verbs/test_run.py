@@ -17,10 +17,10 @@ from cornerforge._checksums import with_checksum
 from cornerforge.errors import FileFormatError, InputError, OutputError, UnknownNameError
 from cornerforge.experiment.output import code_hash, version
 from cornerforge.experiment.policy_file import load_policy, policy_hash
-from cornerforge.experiment.setting import experiment
 from cornerforge.library import CaseLibrary
 from cornerforge.report.artefacts import read_artefacts
 from cornerforge.results import RunDone, as_json
+from cornerforge.verbs.options.whole import Run
 
 pytestmark = pytest.mark.full
 
@@ -131,14 +131,16 @@ def test_times_of_the_training_are_in_the_provenance_only(finished: tuple[Path, 
 
 def test_the_likelihood_budget_is_in_the_identity() -> None:
     """The name of the effort once stood in its place."""
-    bounded = experiment(bv="uniform", budget=5.0)
-    config = run_module._train_config(run_module.EFFORTS["quick"], "crash")
-    identity = run_module._identity(bounded, "quick", config, 2)
-    assert (identity["effort"], identity["budget"], identity["bounded"]) == ("quick", 5.0, True)
-    other = run_module._identity(experiment(bv="uniform", budget=6.0), "quick", config, 2)
-    assert identity["config_hash"] != other["config_hash"]
-    paid_otherwise = run_module._train_config(run_module.EFFORTS["quick"], "own-fault")
-    assert run_module._identity(bounded, "quick", paid_otherwise, 2)["config_hash"] != identity["config_hash"]
+
+    def identity(**changes: Any) -> dict[str, Any]:
+        named: dict[str, Any] = run_module._ByEffort(Run(**{"effort": "quick", "budget": 5.0, **changes})).identity()
+        return named
+
+    first = identity()
+    assert (first["effort"], first["budget"], first["bounded"]) == ("quick", 5.0, True)
+    for changes in ({"budget": 6.0}, {"reward": "own-fault"}, {"lanes": 4}):
+        assert identity(**changes)["config_hash"] != first["config_hash"]
+    assert identity(seed=3)["config_hash"] == first["config_hash"]
 
 
 def test_a_run_is_for_a_reward(tmp_path: Path) -> None:

@@ -9,8 +9,8 @@ import numpy as np
 
 from cornerforge.adversary.worlds import Verdict, driver_of_reward, reward_named
 from cornerforge.drivers.careful import CAREFUL
-from cornerforge.execution import Rooms, in_order
 from cornerforge.sim import SUBSTEPS, allocate_harvest, is_full
+from cornerforge.work import Rooms, in_order
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -29,11 +29,11 @@ from cornerforge.counterfactual import (
     search_cases,
 )
 from cornerforge.errors import InputError
-from cornerforge.execution import Rooms, in_order
 from cornerforge.fields import BEFORE_CONTACT, REALS, Field
 from cornerforge.recordings import Recordings, recordings_of_scenarios, recordings_of_tracks
 from cornerforge.road.straight import road_numbers
 from cornerforge.types import FRAME_S, Odd, Scenario
+from cornerforge.work import Rooms, in_order
 
 __all__ = [
     "AVOIDABILITY_COLUMNS",

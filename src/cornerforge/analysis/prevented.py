@@ -22,10 +22,10 @@ from cornerforge.counterfactual import (
 )
 from cornerforge.drivers.careful import CAREFUL, HOLDS
 from cornerforge.errors import InputError
-from cornerforge.execution import Rooms, in_order
 from cornerforge.fields import Field
 from cornerforge.recordings import Recordings, recordings_of_scenarios
 from cornerforge.types import FRAME_S, Odd, Scenario
+from cornerforge.work import Rooms, in_order
 
 __all__ = [
     "PREVENTED_COLUMNS",

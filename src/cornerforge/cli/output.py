@@ -138,10 +138,10 @@ def run_command(
         early: The work tells its result itself, before it ends.
     """
     from cornerforge._jit import announce_compiling
-    from cornerforge.execution import engine
     from cornerforge.experiment.output import called_with, check_new_file, write_json
     from cornerforge.foreign.pace import announced
     from cornerforge.results import as_json as result_as_json
+    from cornerforge.work import engine
 
     if out is not None:
         check_new_file(out)

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import Any, get_args
 
 from cornerforge._checks import check_integer
-from cornerforge.execution.progress import NO_PROGRESS, Progress, moving
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.foreign.session import answers_per_test
 from cornerforge.intervals import binomial_interval
@@ -16,6 +15,7 @@ from cornerforge.results.driving import Distributions, Quantity, TtcLimit
 from cornerforge.results.rates import Interval, Rate
 from cornerforge.sim import Outcomes, Tally, simulate_chunks, statistics
 from cornerforge.types import METRES_PER_MILE
+from cornerforge.work.progress import NO_PROGRESS, Progress, moving
 
 __all__ = [
     "CHUNK", "distributions_of", "drive_tests", "rate_of", "rate_summary", "simulate_experiment", "tally_summary",

@@ -12,7 +12,6 @@ from cornerforge._checks import check_integer
 from cornerforge._words import spoken as spoken_time
 from cornerforge.drivers.avs import AvModel, av_hash
 from cornerforge.errors import AvFaultError
-from cornerforge.execution import default_threads
 from cornerforge.experiment.av_file import RECORDED_AV
 from cornerforge.experiment.output import config_hash
 from cornerforge.experiment.policy_file import Policy, policy_hash
@@ -30,6 +29,7 @@ from cornerforge.sim import (
     warm_up,
 )
 from cornerforge.types import Odd
+from cornerforge.work import default_threads
 
 if TYPE_CHECKING:
     import numpy as np

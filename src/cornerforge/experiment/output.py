@@ -18,12 +18,12 @@ from types import MappingProxyType
 from typing import Any
 
 from cornerforge._checks import check_path
-from cornerforge._checksums import read_json, with_checksum
 from cornerforge._files import is_part_of, reason, writing
 from cornerforge._locks import claim_file, claim_folder, command_line, is_lock
 from cornerforge.errors import InputError, OutputError
-from cornerforge.execution import code_hash
 from cornerforge.foreign.interpreter import in_use
+from cornerforge.work import code_hash
+from cornerforge.work.files import read_json_file, write_json
 
 __all__ = [
     "called_with",
@@ -72,21 +72,6 @@ def write_text(path: Path, text: str) -> None:
     """
     with writing(path) as part:
         part.write_text(text, encoding="utf-8")
-
-
-def write_json(path: Path, content: Mapping[str, Any], *, checksum: bool = True) -> None:
-    """Write a JSON file whole, with its checksum if wanted; NaN and infinity are refused."""
-    told = with_checksum(content) if checksum else dict(content)
-    write_text(path, json.dumps(told, indent=1, allow_nan=False) + "\n")
-
-
-def read_json_file(path: Path) -> dict[str, Any]:
-    """Read a JSON object that `write_json` wrote; gives it without its checksum.
-
-    Raises:
-        FileFormatError: It is damaged, or has been changed.
-    """
-    return read_json(path, "remove it, or choose another place")
 
 
 @contextmanager

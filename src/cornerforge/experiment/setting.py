@@ -14,7 +14,6 @@ from cornerforge.drivers.avs import numbers_of_av
 from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError, UnknownNameError
-from cornerforge.execution import is_spread
 from cornerforge.experiment.av_file import RECORDED_AV, av_of
 from cornerforge.experiment.experiments import Experiment, with_outside_av
 from cornerforge.experiment.policy_file import Policy, check_budget, load_policy, policy_numbers
@@ -38,6 +37,7 @@ from cornerforge.sim import (
     n_slots,
 )
 from cornerforge.types import Odd, odd_named
+from cornerforge.work import is_spread
 from cornerforge.world_options import WorldOptions
 
 __all__ = [

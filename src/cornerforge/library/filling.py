@@ -15,8 +15,6 @@ import numpy as np
 import pyarrow as pa
 
 from cornerforge.errors import AvFaultError, CornerForgeError, InputError
-from cornerforge.execution import Rooms, in_order
-from cornerforge.execution.progress import NO_PROGRESS, Progress, moving
 from cornerforge.experiment.counting import CHUNK, tally_summary
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import code_hash, provenance, version, write_json
@@ -31,6 +29,8 @@ from cornerforge.ndd.model import save_model
 from cornerforge.results import Filled, Simulated
 from cornerforge.results.driving import CasesMade
 from cornerforge.sim import AV_FAULT, NOBODY, Tally, crashed_tests, simulate_chunks
+from cornerforge.work import Rooms, in_order
+from cornerforge.work.progress import NO_PROGRESS, Progress, moving
 
 __all__ = ["MODEL_FILE", "cases_made", "fill_library", "harvest_tests", "library_summary", "policy_file", "store_tests"]
 

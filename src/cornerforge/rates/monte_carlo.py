@@ -5,13 +5,12 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 from cornerforge._schema import Whole, meant, read
 from cornerforge.errors import FileFormatError
-from cornerforge.execution import cpu_seconds
 from cornerforge.intervals import binomial_interval
 from cornerforge.sim import (
     DriveChunk,
@@ -24,6 +23,7 @@ from cornerforge.sim import (
     statistics,
 )
 from cornerforge.types import METRES_PER_MILE
+from cornerforge.work import cpu_seconds
 
 __all__ = [
     "BLOCK",
@@ -55,7 +55,7 @@ class Block:
     """Counts over consecutive tests.
 
     Attributes:
-        tests, bv_crashes, world_steps: Counts; `bv_crashes` counts contacts between two BVs.
+        tests, bv_crashes, decisions: Counts; `bv_crashes` counts contacts between two BVs.
         millimetres: Distance that the AV drove [mm].
         seconds, cpu_seconds: Wall-clock, and time on processors over all threads and workers [s].
         crashed: Numbers of the tests in which the AV crashed, rising.
@@ -63,15 +63,32 @@ class Block:
         av_faults: Number of `tests` that a foreign AV spoiled.
     """
 
-    tests: int
-    bv_crashes: int
-    world_steps: int
-    millimetres: int
+    tests: Whole
+    bv_crashes: Whole
+    decisions: Whole
+    millimetres: Whole
     seconds: float
     cpu_seconds: float
-    crashed: tuple[int, ...]
+    crashed: tuple[Whole, ...]
     digest: str
-    av_faults: int = 0
+    av_faults: Whole = 0
+
+    @classmethod
+    def of(cls, tally: Tally, begun: tuple[float, float], now: float, crashed: Sequence[int], **more: Any) -> Self:
+        """Make a block of the sums over its tests.
+
+        Args:
+            tally: The sums.
+            begun: Clock and `cpu_seconds` at its begin [s].
+            now: The clock [s].
+            crashed: Numbers of the tests in which the AV crashed, rising.
+            more: Further fields, of a subclass.
+        """
+        return cls(
+            tests=tally.tests + tally.av_faults, bv_crashes=tally.bv_crashes, decisions=tally.decisions,
+            millimetres=tally.millimetres, seconds=now - begun[0], cpu_seconds=cpu_seconds() - begun[1],
+            crashed=tuple(crashed), digest=tally.digest.hexdigest(), av_faults=tally.av_faults, **more,
+        )  # fmt: skip
 
 
 def drive_blocks(
@@ -118,8 +135,7 @@ def _block(
     tell: Callable[[int, int], None] | None,
 ) -> Block:
     """Add up the chunks of a block."""
-    start, cpu_start = time.perf_counter(), cpu_seconds()
-    tally = Tally()
+    started, tally = (time.perf_counter(), cpu_seconds()), Tally()
     crashed: list[int] = []
     while (done := tally.tests + tally.av_faults) < tests:
         begin, outcomes, counts = next(chunks)
@@ -128,17 +144,7 @@ def _block(
         crashed += crashed_tests(begin, outcomes)
         if tell is not None:
             tell(tally.tests + tally.av_faults, len(crashed))
-    return Block(
-        tests=tests,
-        bv_crashes=tally.bv_crashes,
-        world_steps=tally.decisions,
-        millimetres=tally.millimetres,
-        seconds=time.perf_counter() - start,
-        cpu_seconds=cpu_seconds() - cpu_start,
-        crashed=tuple(crashed),
-        digest=tally.digest.hexdigest(),
-        av_faults=tally.av_faults,
-    )
+    return Block.of(tally, started, time.perf_counter(), crashed)
 
 
 def drive_block(
@@ -183,7 +189,7 @@ class MonteCarlo:
             tests=self.tests + block.tests,
             av_crashes=self.av_crashes + len(block.crashed),
             bv_crashes=self.bv_crashes + block.bv_crashes,
-            world_steps=self.world_steps + block.world_steps,
+            world_steps=self.world_steps + block.decisions,
             millimetres=self.millimetres + block.millimetres,
             seconds=self.seconds + block.seconds,
             cpu_seconds=self.cpu_seconds + block.cpu_seconds,

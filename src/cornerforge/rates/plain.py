@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge.errors import CornerForgeError, FileFormatError
-from cornerforge.execution.progress import NO_PROGRESS, Progress, moving
 from cornerforge.experiment.counting import rate_summary
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import code_hash, open_output, read_json_file, remove_folder, version, write_json
@@ -31,6 +30,7 @@ from cornerforge.rates.monte_carlo import BLOCK, CHUNK, MonteCarlo, drive_blocks
 from cornerforge.results import NaturalRate, as_json
 from cornerforge.results.driving import BvMilesEstimate, Cost, Effort, KindRate
 from cornerforge.results.rates import Rate
+from cornerforge.work.progress import NO_PROGRESS, Progress, moving
 
 __all__ = ["ASKED", "ENOUGH_TO_FORESEE", "PlainTests", "cost_of", "kept_if_interrupted"]
 

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from cornerforge._checksums import read_arrays, write_arrays
 from cornerforge.analysis.mechanism import crash_types_of, mechanism_of
 from cornerforge.errors import FileFormatError
-from cornerforge.execution.progress import Progress
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import code_hash, remove_folder, version
 from cornerforge.intervals import poisson_interval, weighted_interval
@@ -43,6 +42,7 @@ from cornerforge.rates.weighted import (
 )
 from cornerforge.results.driving import Cost, KindRate
 from cornerforge.sim import Script
+from cornerforge.work.progress import Progress
 
 __all__ = ["ALL_CRASHES", "TREES", "PickedCrash", "Splitting", "kind_rates", "pick"]
 

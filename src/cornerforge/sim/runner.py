@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cornerforge._checks import check_integer
-from cornerforge.execution import in_order
 from cornerforge.sim.drive import drive_range, drive_windows
 from cornerforge.sim.keep import Outcomes, Windows, allocate_outcomes, keep_nothing
 from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
@@ -18,6 +17,7 @@ from cornerforge.sim.statistics import Census, Counts, allocate_counts, census_o
 from cornerforge.sim.traffic import naming_tests
 from cornerforge.sim.world import AV_CRASH, AV_FAULT, allocate_worlds, world_of
 from cornerforge.types import METRES_PER_MILE
+from cornerforge.work import in_order
 
 __all__ = [
     "DriveChunk",

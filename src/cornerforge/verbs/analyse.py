@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer
 from cornerforge._options import verb
 from cornerforge.errors import InputError
-from cornerforge.execution.progress import Progress
 from cornerforge.experiment.experiments import check_threads
 from cornerforge.experiment.output import open_output, provenance, write_json
 from cornerforge.fields import SHORTFALL
@@ -26,6 +25,7 @@ from cornerforge.rates.natural import natural_shares
 from cornerforge.results import Analysed, as_json, from_json
 from cornerforge.results.analysis import Natural
 from cornerforge.verbs.options.cases import Analyse
+from cornerforge.work.progress import Progress
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from cornerforge._options import verb
 from cornerforge._words import spoken
 from cornerforge.errors import AvFaultError, InputError
-from cornerforge.execution.progress import Progress
 from cornerforge.experiment.counting import simulate_experiment
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.forecast import LONG_SECONDS, forecast
@@ -30,6 +29,7 @@ from cornerforge.results.avs import AvCheck, AvDoes, AvSpeed
 from cornerforge.sim import STEERED
 from cornerforge.types import Odd
 from cornerforge.verbs.options.driving import CheckAv
+from cornerforge.work.progress import Progress
 from cornerforge.world_options import WorldOptions
 
 __all__ = ["check_av"]

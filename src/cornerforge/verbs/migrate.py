@@ -25,7 +25,6 @@ from cornerforge._schema import parse
 from cornerforge._table_checks import TableChecks, write_parquet
 from cornerforge._values import table_fault
 from cornerforge.errors import FileFormatError, InputError, OutputError
-from cornerforge.execution.progress import Progress
 from cornerforge.experiment.output import provenance, write_json
 from cornerforge.fields import BODY, CASES, PARTNER, SHORTFALL, Field
 from cornerforge.library import CaseLibrary
@@ -38,6 +37,7 @@ from cornerforge.results.whole import Migrated
 from cornerforge.sim import START_FIELDS, TRAITS, average_traits
 from cornerforge.types import CAR, Odd
 from cornerforge.verbs.options.cases import Migrate
+from cornerforge.work.progress import Progress
 
 __all__ = ["migrate"]
 

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer
 from cornerforge._options import verb
 from cornerforge.errors import AvFaultError, InputError
-from cornerforge.execution.progress import NO_PROGRESS, Progress
 from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import check_new_file, config_hash, provenance
@@ -46,6 +45,7 @@ from cornerforge.verbs.retest_case_files import (
 from cornerforge.verbs.retest_files import write_junit
 from cornerforge.verbs.retest_pairs import RULE, Driven, pairs_of
 from cornerforge.verbs.stored_cases import drive_as_recorded, run_with
+from cornerforge.work.progress import NO_PROGRESS, Progress
 from cornerforge.world_options import WorldOptions
 
 __all__ = ["retest"]

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 from cornerforge.analysis.contact import impact_speed
 from cornerforge.errors import AvFaultError, CornerForgeError
-from cornerforge.execution.progress import Progress
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.library import CaseLibrary
 from cornerforge.report.comparison import AS_RECORDED, NATURAL, REACTING, Pair
 from cornerforge.types import Scenario
 from cornerforge.verbs.cases import experiment_of
 from cornerforge.verbs.stored_cases import StoredScripts
+from cornerforge.work.progress import Progress
 
 __all__ = ["RULE", "Driven", "pairs_of"]
 

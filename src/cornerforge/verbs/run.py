@@ -2,53 +2,24 @@
 
 from __future__ import annotations
 
-import time
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from typing import Any
 
-from cornerforge._checks import check_in, check_integer
+from cornerforge._checks import check_in
 from cornerforge._options import verb
-from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.errors import InputError
-from cornerforge.execution.progress import begin_part
-from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.forecast import forecast
-from cornerforge.experiment.output import code_hash, config_hash, open_output, version
-from cornerforge.experiment.policy_file import load_policy
-from cornerforge.experiment.setting import AV_LOG, experiment
+from cornerforge.experiment.setting import experiment
 from cornerforge.library.filling import fill_library
-from cornerforge.results import Analysed, Filled, NaturalRate, RunDone
-from cornerforge.results.rates import Yield
-from cornerforge.verbs.analyse import analyse
-from cornerforge.verbs.options.whole import Run
-from cornerforge.verbs.rate import rate, why_only_counting
-from cornerforge.verbs.stages import (
-    ANALYSED_FILES,
-    LIBRARY_FILES,
-    TRAINING_FILES,
-    Counted,
-    Finished,
-    NaturalCases,
-    PlainRates,
-    Stages,
-    TrainedStage,
-    analyse_natural,
-    count,
-    finish,
-    natural_files,
-    plain_rates,
-    train_stage,
-    write_exposure,
-)
-from cornerforge.verbs.train import checkpoint_beside, evaluate
+from cornerforge.results import RunDone
+from cornerforge.verbs.options.whole import STAND_IN, Run
+from cornerforge.verbs.rate import why_only_counting
+from cornerforge.verbs.stages import Counted, Job
+from cornerforge.verbs.train import evaluate
 
 __all__ = ["EFFORTS", "Effort", "run"]
 
-STAND_IN = "idm-mobil"
-"""The AV that an adversary learns against when there is no time to learn against the AV under test."""
-_STAGES = 10
-"""Stages of a run, the report among them."""
 EXPOSURE_TESTS_START = 1 << 42
 """Number of the first test whose distances and TTC are counted with the adversary."""
 
@@ -89,28 +60,45 @@ _OUTSIDE = 0.85
 """Share of `natural_tests` that an AV from outside drives, which is asked in all of them."""
 
 
-def _train_config(size: Effort, reward: str) -> TrainConfig:
-    return replace(preset_named("fast"), decisions=size.decisions, reward=reward)
+class _ByEffort(Job):
+    """The whole job, as much of it as an effort counts."""
 
+    def __init__(self, options: Run) -> None:
+        self.effort = check_in("effort", options.effort or "quick", tuple(EFFORTS))
+        super().__init__(options)
+        self._size = size = EFFORTS[self.effort]
+        self.mask = experiment(self.world, bv="uniform", takes_foreign=True, seed=self.seed)
+        asked = self.natural.asked is not None
+        self._natural_tests = round(_OUTSIDE * size.natural_tests) if asked else size.natural_tests
+        # For an AV from outside the method that makes no copies of its tests.
+        self._method = "is" if asked and why_only_counting(self._natural_tests) is None else "auto"
+        self.settings = {"effort": asdict(size), "train": asdict(self.learning(size.decisions))}
 
-def _natural_method(natural: Experiment, max_tests: int) -> str:
-    """Choose the method of the natural rate: for an AV from outside the one that makes no copies of its tests."""
-    return "auto" if natural.asked is None or why_only_counting(max_tests) is not None else "is"
+    def announce(self) -> None:
+        size = self._size
+        forecast(
+            self.natural, self.options.threads, "all that this effort asks for", decisions=size.decisions,
+            tests=size.nde_tests + min(self._natural_tests, 262_144) + 8 * size.evaluation_tests + size.exposure_tests,
+            bound="at least ", advice="If that is too long: --hours H does what fits into H hours.",
+        )  # fmt: skip
 
+    def works(self) -> dict[str, Callable[[], Any]]:
+        size, tests, reward = self._size, self._size.evaluation_tests, self.options.reward
+        library = self.folder / "library"
+        return {
+            "nde": self._drive,
+            "natural": lambda: self.rate(self._natural_tests, method=self._method, target_rhw=size.natural_rhw),
+            "train": lambda: self.train(self.mask, size.decisions),
+            "evaluate": lambda: evaluate(self.hostile, tests=tests, reward=reward, **self.how),
+            "baselines": lambda: self.plain_rates(self.mask, tests),
+            "exposure": lambda: self.count(self.hostile, size.exposure_tests, EXPOSURE_TESTS_START, "exposure"),
+            "generate": lambda: fill_library(self.hostile, library, cases=size.cases, resume=True, **self.how),
+        }
 
-def _identity(plain: Experiment, effort: str, config: TrainConfig, seed: int) -> dict[str, Any]:
-    """Return what decides the results of a run, without a policy and a way to drive BVs: a run has several of them."""
-    identity: dict[str, Any] = plain.identity(seed)
-    size = EFFORTS[effort]
-    settings = {"world": identity.pop("config_hash"), "effort": asdict(size), "train": asdict(config)}
-    del identity["bv"], identity["policy_hash"]
-    return {
-        **identity,
-        "effort": effort,
-        "config_hash": config_hash(settings),
-        "cornerforge": version(),
-        "code": code_hash(),
-    }
+    def _drive(self) -> Counted:
+        counted = self.count(self.natural, self._size.nde_tests, 0, "natural traffic")
+        self.natural.rest()
+        return counted
 
 
 @verb(Run)
@@ -123,135 +111,14 @@ def run(options: Run) -> RunDone:
     Raises:
         CornerForgeError: Input, files or output place are not right.
     """
-    start = time.perf_counter()
-    folder = Path(options.out)
-    if options.hours is not None:
-        if options.effort is not None:
+    if options.hours is None:
+        if options.stand_in != STAND_IN:
             raise InputError(
-                f"effort = {options.effort} and hours = {options.hours:g} exclude each other; leave one out."
+                f"stand_in = {options.stand_in!r} has no effect without hours: --hours H --stand-in {options.stand_in}"
             )
-    elif options.stand_in != STAND_IN:
-        raise InputError(
-            f"stand_in = {options.stand_in!r} has no effect without hours: --hours H --stand-in {options.stand_in}"
-        )
-    effort = check_in("effort", options.effort or "quick", tuple(EFFORTS))
-    size = EFFORTS[effort]
-    config = _train_config(size, options.reward)
-    check_integer("seed", options.seed, low=0, high=2**32 - 1)
-    check_threads(options.threads)
-    world = options.world()
-    if options.hours is not None:
-        from cornerforge.verbs.spend import spend
+        return _ByEffort(options).do(numbered=True)
+    if options.effort is not None:
+        raise InputError(f"effort = {options.effort} and hours = {options.hours:g} exclude each other; leave one out.")
+    from cornerforge.verbs.spend import spend
 
-        return spend(
-            world, hours=options.hours, stand_in=options.stand_in, folder=folder, reward=options.reward,
-            resume=options.resume, seed=options.seed, threads=options.threads, progress=options.progress,
-        )  # fmt: skip
-    unmasked = world.without_mask()
-    natural = experiment(unmasked, takes_foreign=True, seed=options.seed)
-    plain = experiment(world, bv="uniform", takes_foreign=True, seed=options.seed)
-    natural_tests = size.natural_tests if natural.asked is None else round(_OUTSIDE * size.natural_tests)
-    identity = _identity(plain, effort, config, options.seed)
-    open_output(folder, identity, resume=options.resume)
-    forecast(
-        natural, options.threads, "all that this effort asks for", decisions=size.decisions,
-        tests=size.nde_tests + min(natural_tests, 262_144) + 8 * size.evaluation_tests + size.exposure_tests,
-        bound="at least ", advice="If that is too long: --hours H does what fits into H hours.",
-    )  # fmt: skip
-    for one in (natural, plain):
-        one.keep_printed(folder / AV_LOG)
-    once = Stages(folder, options.progress, of=_STAGES).do
-    nde = once(
-        "nde",
-        Counted,
-        lambda: count(natural, size.nde_tests, 0, options.seed, options.threads, options.progress, "natural traffic"),
-    )
-    natural.rest()
-    often = once(
-        "natural",
-        NaturalRate,
-        lambda: rate(
-            method=_natural_method(natural, natural_tests), target_rhw=size.natural_rhw, max_tests=natural_tests,
-            out=folder / "natural", resume=True, seed=options.seed, threads=options.threads, progress=options.progress,
-            **unmasked.av_keywords(),
-        ),
-    )  # fmt: skip
-    natural_cases = once(
-        "natural_cases",
-        NaturalCases,
-        lambda: analyse_natural(often, folder / "natural", options.seed, options.progress),
-        natural_files(often),
-    )
-    checkpoint = checkpoint_beside(folder / "policy.safetensors", plain, config, options.seed)
-    trained = once(
-        "train",
-        TrainedStage,
-        lambda: train_stage(plain, config, checkpoint, folder, options.seed, options.threads, options.progress),
-        TRAINING_FILES,
-    )
-    checkpoint.remove()
-    policy = load_policy(folder / "policy.safetensors")
-    hostile = experiment(unmasked, policy=policy, takes_foreign=True, seed=options.seed)
-    hostile.keep_printed(folder / AV_LOG)
-    evaluation = once(
-        "evaluate",
-        Yield,
-        lambda: evaluate(
-            hostile,
-            tests=size.evaluation_tests,
-            seed=options.seed,
-            reward=options.reward,
-            threads=options.threads,
-            progress=options.progress,
-        ),
-    )
-    baselines = once(
-        "baselines",
-        PlainRates,
-        lambda: plain_rates(
-            plain, size.evaluation_tests, options.reward, options.seed, options.threads, options.progress
-        ),
-    )
-    exposed = once(
-        "exposure",
-        Counted,
-        lambda: count(
-            hostile,
-            size.exposure_tests,
-            EXPOSURE_TESTS_START,
-            options.seed,
-            options.threads,
-            options.progress,
-            "exposure",
-        ),
-    )
-    write_exposure(folder, nde, exposed)
-    filled = once(
-        "generate",
-        Filled,
-        lambda: fill_library(
-            hostile,
-            folder / "library",
-            seed=options.seed,
-            cases=size.cases,
-            threads=options.threads,
-            resume=True,
-            progress=options.progress,
-        ),
-        LIBRARY_FILES,
-    )
-    analysed = once(
-        "analyse",
-        Analysed,
-        lambda: analyse(folder / "library", out=folder / "analysis", seed=options.seed, progress=options.progress),
-        ANALYSED_FILES,
-    )
-    begin_part(options.progress, _STAGES, _STAGES)
-    return finish(
-        Finished(
-            effort=effort, nde=nde, natural=often, natural_cases=natural_cases, trained=trained, reached=evaluation,
-            baselines=baselines, filled=filled, analysed=analysed,
-        ),
-        identity, folder, mask=plain, av=world.av, seed=options.seed, reward=options.reward, begun=start,
-        progress=options.progress,
-    )  # fmt: skip
+    return spend(options, options.hours)

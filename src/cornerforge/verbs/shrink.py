@@ -16,7 +16,6 @@ from cornerforge._options import verb
 from cornerforge.analysis.shrink import Shrunk
 from cornerforge.analysis.shrink import shrink as shrink_script
 from cornerforge.errors import CornerForgeError, InputError, ReplayError
-from cornerforge.execution.progress import Progress
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import code_hash, config_hash, provenance, version, write_json
 from cornerforge.library import CaseLibrary, CaseRecord, StoredCase, case_record
@@ -29,6 +28,7 @@ from cornerforge.sim import Script, ScriptDriver
 from cornerforge.types import Scenario
 from cornerforge.verbs.cases import driver_of_cases, experiment_of, is_same
 from cornerforge.verbs.options.cases import Shrink
+from cornerforge.work.progress import Progress
 
 __all__ = ["shrink"]
 

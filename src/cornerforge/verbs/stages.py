@@ -1,76 +1,56 @@
-"""The stages of `run`, each of which runs once: a finished one leaves a file, so a killed run goes on after it."""
+"""The whole job, stage by stage: one list, whatever says how much of each stage is done."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from types import MappingProxyType
+from typing import Any
 
-from cornerforge._schema import Declared, Whole, read
+from cornerforge._checks import check_integer
+from cornerforge._schema import Whole
 from cornerforge.adversary.checkpoint import CheckpointFile
-from cornerforge.adversary.config import TrainConfig
-from cornerforge.execution.progress import NO_PROGRESS, Progress, begin_part
+from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.experiment.counting import simulate_experiment, tally_summary
-from cornerforge.experiment.experiments import Experiment
-from cornerforge.experiment.output import SUMMARY, provenance, read_json_file, version, write_json
-from cornerforge.experiment.policy_file import policy_hash, save_policy
+from cornerforge.experiment.experiments import Experiment, check_threads
+from cornerforge.experiment.output import SUMMARY, code_hash, config_hash, open_output, provenance, version, write_json
+from cornerforge.experiment.policy_file import load_policy, policy_hash, save_policy
+from cornerforge.experiment.setting import AV_LOG, experiment
 from cornerforge.library.filling import MODEL_FILE
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.results import Analysed, Filled, NaturalRate, RunDone, Simulated, as_json
 from cornerforge.results.learning import Baseline, LearnedPolicy, TrainingCurve, TrainingPoint
 from cornerforge.results.rates import Yield
-from cornerforge.results.whole import Exposed, ExposedTo, Exposure, ExposureMiles, RunTrained, Spending
+from cornerforge.results.whole import Exposed, ExposedTo, Exposure, ExposureMiles, RunTrained
 from cornerforge.sim import Tally, statistics
 from cornerforge.verbs.analyse import ANALYSIS_FILES, analyse
-from cornerforge.verbs.train import canonical_curve, learn, measure_baselines, point_seconds, training_faults
+from cornerforge.verbs.options.whole import Run
+from cornerforge.verbs.rate import rate
+from cornerforge.verbs.train import (
+    canonical_curve,
+    checkpoint_beside,
+    learn,
+    measure_baselines,
+    point_seconds,
+    training_faults,
+)
+from cornerforge.work.stages import Stage, Stages
 
-__all__ = [
-    "ANALYSED_FILES", "LIBRARY_FILES", "TRAINING_FILES", "Counted", "Finished", "NaturalCases", "PlainRates", "Stages",
-    "TrainedStage", "analyse_natural", "count", "exposure_counts", "finish", "natural_files", "plain_rates",
-    "train_stage", "write_exposure",
-]  # fmt: skip
+__all__ = ["LIBRARY_FILES", "Counted", "Job", "NaturalCases", "PlainRates", "TrainedStage", "exposure_counts"]
 
-T = TypeVar("T")
-TRAINING_FILES = ("policy.safetensors", "training.json")
+POLICY = "policy.safetensors"
 LIBRARY_FILES = (f"library/{MANIFEST}", f"library/{MODEL_FILE}")
-ANALYSED_FILES = tuple(f"analysis/{name}" for name in ANALYSIS_FILES)
-"""What stages of a run make in its folder."""
-
-
-class Stages:
-    """Runner of stages: each runs once; `stages/NAME.json` holds its result and appears only when it is complete.
-
-    Args:
-        out: The output folder.
-        progress: Told which stage begins, if their number is known.
-        of: Their number, with what comes after them; None: not known.
-    """
-
-    def __init__(self, out: Path, progress: Progress = NO_PROGRESS, of: int | None = None) -> None:
-        self._out, self._progress, self._of, self._begun = out, progress, of, 0
-
-    def do(self, name: str, kind: type[T], work: Callable[[], T], makes: Sequence[str] = ()) -> T:
-        """Give the result of a stage, from its file if it is there; else do the work and leave the file.
-
-        Args:
-            name: Of the stage.
-            kind: Of its result.
-            work: Does the work.
-            makes: Files in the output folder that it makes; without one of them it is not finished.
-
-        Raises:
-            FileFormatError: The file is damaged.
-        """
-        self._begun += 1
-        if self._of is not None:
-            begin_part(self._progress, self._begun, self._of)
-        path = self._out / "stages" / f"{name}.json"
-        if not all(file.exists() for file in (path, *(self._out / made for made in makes))):
-            write_json(path, as_json(work()))
-        # A resumed run reads the result from the file, so this run goes on with the same values.
-        return read(kind, read_json_file(path), f"{path} is damaged", "remove it, or choose another place.")
+"""What its stages make in the folder of a library."""
+_LABELS: dict[ExposedTo, str] = {
+    "bbd_front": "Bumper-to-bumper distance to the vehicle ahead",
+    "bbd_rear": "Bumper-to-bumper distance to the vehicle behind",
+    "ttc_front": "Time to collision with the vehicle ahead, when closing",
+    "ttc_rear": "Time to collision with the vehicle behind, when closing",
+}
 
 
 @dataclass(frozen=True)
@@ -110,25 +90,187 @@ def exposure_counts(tally: Tally) -> dict[str, tuple[int, ...]]:
     return {grid.name: tuple(rows[k][: grid.bins].tolist()) for k, grid in enumerate(statistics.EXPOSURE)}
 
 
-def count(
-    run: Experiment, tests: int, first: int, seed: int, threads: int | None, progress: Progress, stage: str
-) -> Counted:
-    """Drive tests and count all histograms."""
-    tally, seconds = simulate_experiment(
-        run, tests=tests, seed=seed, first=first, threads=threads, counting=True, progress=progress, stage=stage
-    )
-    return Counted(tally_summary(tally, seconds, with_distributions=True), exposure_counts(tally))
+class Job(ABC):
+    """The whole job in a folder; a subclass, its stop rule, says how much of each stage is done.
+
+    Args:
+        options: What the user asked for.
+
+    Attributes:
+        found: Results of the stages that are done, by name.
+        how: Keywords of all work: seed, threads, progress.
+        natural: The AV in natural traffic.
+        mask: An experiment whose adversary is as bounded as the job's.
+        effort: Name of the amount of work.
+        settings: What decides the results besides AV, world, mask and code.
+        stand_in: Name and hash of another AV that decides them too.
+    """
+
+    mask: Experiment
+    effort: str
+    settings: dict[str, Any]
+    stand_in: Mapping[str, str] = MappingProxyType({})
+
+    def __init__(self, options: Run) -> None:
+        self._begun = time.perf_counter()
+        check_integer("seed", options.seed, low=0, high=2**32 - 1)
+        check_threads(options.threads)
+        self.options, self.folder, self.seed = options, Path(options.out), options.seed
+        self.how: dict[str, Any] = {name: getattr(options, name) for name in ("seed", "threads", "progress")}
+        self.world = options.world()
+        self.natural = experiment(self.world.without_mask(), takes_foreign=True, seed=self.seed)
+        self.found: dict[str, Any] = {}
+
+    @abstractmethod
+    def works(self) -> dict[str, Callable[[], Any]]:
+        """Give the work of each stage whose amount the stop rule says, by name."""
+
+    def announce(self) -> None:
+        """Say how long it will take, if that is long."""
+        return
+
+    def stages(self) -> tuple[Stage, ...]:
+        """List the stages, each after those whose results it needs."""
+        work, files = self.works(), lambda: [f"analysis/{name}" for name in ANALYSIS_FILES]
+        return (
+            Stage("nde", Counted, work["nde"]),
+            Stage("natural", NaturalRate, work["natural"]),
+            Stage("natural_cases", NaturalCases, self._analyse_natural, ("natural",), self._natural_files),
+            Stage("train", TrainedStage, work["train"], makes=lambda: (POLICY, "training.json")),
+            Stage("evaluate", Yield, work["evaluate"], ("train",)),
+            Stage("baselines", PlainRates, work["baselines"]),
+            Stage("exposure", Counted, work["exposure"], ("train",)),
+            Stage("generate", Filled, work["generate"], ("train",), lambda: LIBRARY_FILES),
+            Stage("analyse", Analysed, self._analyse, ("generate",), files, lambda: self.found["generate"].cases > 0),
+        )
+
+    def do(self, *, numbered: bool) -> RunDone:
+        """Do all stages, or go on with them, and write what they came to.
+
+        Args:
+            numbered: Tell the progress the number of each stage.
+
+        Raises:
+            CornerForgeError: Input, files or output place are not right.
+        """
+        identity = self.identity()
+        open_output(self.folder, identity, resume=self.options.resume)
+        self.announce()
+        self.logged(self.natural)
+        self.logged(self.mask)
+        listed = self.stages()
+        stages = Stages(self.folder, self.options.progress, len(listed) + 1 if numbered else None)
+        stages.go(listed, self.found)
+        stages.begin()
+        return self._finish(identity)
+
+    def identity(self) -> dict[str, Any]:
+        """Name what decides the results, without a policy and a way to drive BVs: a job has several of them."""
+        identity: dict[str, Any] = self.natural.identity(self.seed)
+        settings = {"world": identity.pop("config_hash"), "mask": self.mask.identity(self.seed)["config_hash"]}
+        del identity["bv"], identity["policy_hash"]
+        return {
+            **identity,
+            "bounded": self.mask.bounded,
+            "budget": self.mask.budget,
+            "effort": self.effort,
+            **self.stand_in,
+            "config_hash": config_hash({**settings, **self.settings}),
+            "cornerforge": version(),
+            "code": code_hash(),
+        }
+
+    # Work
+
+    @cached_property
+    def hostile(self) -> Experiment:
+        """The AV among the vehicles of the adversary."""
+        CheckpointFile(self.folder / f"{POLICY}.checkpoint", {}).remove()
+        world, policy = self.world.without_mask(), load_policy(self.folder / POLICY)
+        return self.logged(experiment(world, policy=policy, takes_foreign=True, seed=self.seed))
+
+    def logged(self, run: Experiment) -> Experiment:
+        """Keep in the folder what the AV of an experiment prints."""
+        run.keep_printed(self.folder / AV_LOG)
+        return run
+
+    def learning(self, decisions: int) -> TrainConfig:
+        """Configure a training of so many decisions."""
+        return replace(preset_named("fast"), decisions=decisions, reward=self.options.reward)
+
+    def count(self, run: Experiment, tests: int, first: int, stage: str) -> Counted:
+        """Drive tests and count all histograms."""
+        tally, seconds = simulate_experiment(run, tests=tests, first=first, counting=True, stage=stage, **self.how)
+        return Counted(tally_summary(tally, seconds, with_distributions=True), exposure_counts(tally))
+
+    def rate(self, max_tests: int, **more: Any) -> NaturalRate:
+        """Measure the natural rate in the folder `natural`."""
+        out = self.folder / "natural"
+        return rate(max_tests=max_tests, out=out, resume=True, **more, **self.how, **self.world.av_keywords())
+
+    def plain_rates(self, run: Experiment, tests: int) -> PlainRates:
+        """Measure plain adversaries; traffic without an adversary is measured as the baseline, on many more tests."""
+        begun = time.perf_counter()
+        rates = measure_baselines(run, tests=tests, reward=self.options.reward, **self.how)
+        return PlainRates(tuple(one for one in rates if one.name != "nobody"), round(time.perf_counter() - begun, 3))
+
+    def train(self, run: Experiment, decisions: int) -> TrainedStage:
+        """Train, or go on with a training that was stopped, and write `policy.safetensors` and `training.json`."""
+        config = self.learning(decisions)
+        checkpoint = checkpoint_beside(self.folder / POLICY, run, config, self.seed)
+        policy, result = learn(run, config, checkpoint=checkpoint, **self.how)
+        save_policy(policy, self.folder / POLICY)
+        points = tuple(TrainingPoint(**point) for point in canonical_curve(result))
+        curve = TrainingCurve(preset=config.preset, config=asdict(config), points=points)
+        write_json(self.folder / "training.json", asdict(curve))  # not as_json, which leaves out null
+        learned = LearnedPolicy(
+            decisions=result.decisions, updates=result.updates, seconds=round(result.seconds, 3), preset=config.preset,
+            policy_hash=policy_hash(policy), av_faults=training_faults(run),
+        )  # fmt: skip
+        return TrainedStage(learned, tuple(point_seconds(result)))
+
+    def _natural_library(self) -> str:
+        return "natural/library" if self.found["natural"].method == "mc" else "natural/weighted"
+
+    def _natural_files(self) -> list[str]:
+        of_cases = [f"{self._natural_library()}/{MANIFEST}", *(f"natural/analysis/{name}" for name in ANALYSIS_FILES)]
+        return ["natural/rate.json", *(of_cases if self.found["natural"].crashes_per_test else ())]
+
+    def _analyse_natural(self) -> NaturalCases:
+        if self.found["natural"].crashes_per_test == 0.0:
+            return NaturalCases(None)
+        return NaturalCases(self._analysed(self._natural_library(), "natural/analysis"))
+
+    def _analyse(self) -> Analysed | None:
+        return self._analysed("library", "analysis") if self.found["generate"].cases else None
+
+    def _analysed(self, library: str, out: str) -> Analysed:
+        return analyse(self.folder / library, out=self.folder / out, seed=self.seed, progress=self.options.progress)
+
+    def _finish(self, identity: Mapping[str, Any]) -> RunDone:
+        """Write `exposure.json`, `summary.json`, `provenance.json` and the report."""
+        from cornerforge.report import write_report
+
+        found, policy, options = self.found, self.found["train"].policy, self.options
+        _write_exposure(self.folder, found["nde"], found["exposure"])
+        options.progress("report", 0, 1)
+        done = RunDone(
+            out=str(self.folder), version=version(), effort=self.effort, seed=self.seed, av=options.av,
+            bounded=self.mask.bounded, budget=self.mask.budget, reward=options.reward, nde=found["nde"].rate,
+            natural=found["natural"], natural_cases=found["natural_cases"].analysed,
+            train=RunTrained(**vars(policy), **vars(found["evaluate"])), baselines=found["baselines"].rates,
+            generate=found["generate"], analyse=found["analyse"], spending=found.get("spending"),
+            report=str(self.folder / "report.html"), seconds=round(time.perf_counter() - self._begun, 3),
+        )  # fmt: skip
+        write_json(self.folder / SUMMARY, as_json(done))
+        made = provenance({**identity, "policy_hash": policy.policy_hash}, done.seconds)
+        write_json(self.folder / "provenance.json", {**made, "point_seconds": list(found["train"].point_seconds)})
+        write_report(self.folder)
+        options.progress("report", 1, 1)
+        return done
 
 
-_LABELS: dict[ExposedTo, str] = {
-    "bbd_front": "Bumper-to-bumper distance to the vehicle ahead",
-    "bbd_rear": "Bumper-to-bumper distance to the vehicle behind",
-    "ttc_front": "Time to collision with the vehicle ahead, when closing",
-    "ttc_rear": "Time to collision with the vehicle behind, when closing",
-}
-
-
-def write_exposure(out: Path, nde: Counted, adversary: Counted) -> None:
+def _write_exposure(out: Path, nde: Counted, adversary: Counted) -> None:
     """Write `exposure.json`, the paper's Figure 3, without the last bin, which holds all values beyond the grid."""
     grids = {grid.name: grid for grid in statistics.EXPOSURE}
     quantities = {
@@ -143,116 +285,3 @@ def write_exposure(out: Path, nde: Counted, adversary: Counted) -> None:
     }
     miles = ExposureMiles(nde=nde.rate.miles, adversary=adversary.rate.miles)
     write_json(out / "exposure.json", as_json(Exposure(miles=miles, quantities=quantities)))
-
-
-def train_stage(
-    run: Experiment, config: TrainConfig, checkpoint: CheckpointFile, out: Path, seed: int, threads: int | None,
-    progress: Progress,
-) -> TrainedStage:  # fmt: skip
-    """Train, and write `policy.safetensors` and `training.json`."""
-    policy, result = learn(run, config, seed=seed, threads=threads, progress=progress, checkpoint=checkpoint)
-    save_policy(policy, out / "policy.safetensors")
-    points = tuple(TrainingPoint(**point) for point in canonical_curve(result))
-    curve = TrainingCurve(preset=config.preset, config=asdict(config), points=points)
-    write_json(out / "training.json", asdict(curve))  # not as_json, which leaves out null
-    learned = LearnedPolicy(
-        decisions=result.decisions,
-        updates=result.updates,
-        seconds=round(result.seconds, 3),
-        preset=config.preset,
-        policy_hash=policy_hash(policy),
-        av_faults=training_faults(run),
-    )
-    return TrainedStage(learned, tuple(point_seconds(result)))
-
-
-def plain_rates(
-    plain: Experiment, tests: int, reward: str, seed: int, threads: int | None, progress: Progress
-) -> PlainRates:
-    """Measure the plain adversaries; traffic without an adversary is measured as the baseline, on many more tests."""
-    begun = time.perf_counter()
-    rates = measure_baselines(plain, tests=tests, reward=reward, seed=seed, threads=threads, progress=progress)
-    return PlainRates(tuple(rate for rate in rates if rate.name != "nobody"), round(time.perf_counter() - begun, 3))
-
-
-def analyse_natural(found: NaturalRate, folder: Path, seed: int, progress: Progress) -> NaturalCases:
-    """Analyse the crashes that a natural rate left in its folder."""
-    if found.crashes_per_test == 0.0:
-        return NaturalCases(None)
-    return NaturalCases(
-        analyse(folder / _natural_library(found), out=folder / "analysis", seed=seed, progress=progress)
-    )
-
-
-def natural_files(found: NaturalRate) -> tuple[str, ...]:
-    """Name the files that a natural rate and its analysis leave in the folder `natural` of a run."""
-    of_cases = (f"{_natural_library(found)}/{MANIFEST}", *(f"analysis/{name}" for name in ANALYSIS_FILES))
-    return tuple(f"natural/{name}" for name in ("rate.json", *(() if found.crashes_per_test == 0.0 else of_cases)))
-
-
-def _natural_library(found: NaturalRate) -> str:
-    return "library" if found.method == "mc" else "weighted"
-
-
-class Finished(Declared):
-    """Results of all stages of a run; `effort` names it, `spending` says what hours were spent on."""
-
-    effort: str
-    nde: Counted
-    natural: NaturalRate
-    natural_cases: NaturalCases
-    trained: TrainedStage
-    reached: Yield
-    baselines: PlainRates
-    filled: Filled
-    analysed: Analysed | None
-    spending: Spending | None = None
-
-
-def finish(
-    found: Finished, identity: Mapping[str, Any], folder: Path, *, mask: Experiment, av: str, seed: int, reward: str,
-    begun: float, progress: Progress,
-) -> RunDone:  # fmt: skip
-    """Write `summary.json`, `provenance.json` and the report of a run, and give what `run --json` prints.
-
-    Args:
-        found: Results of its stages.
-        identity: Of the run; its policy's hash is added.
-        folder: Of the run.
-        mask: An experiment whose adversary is as bounded as the run's.
-        av: The AV, as the user named it.
-        seed: As given.
-        reward: As given.
-        begun: When the run began, by `time.perf_counter` [s].
-        progress: Told of the report.
-    """
-    from cornerforge.report import write_report
-
-    progress("report", 0, 1)
-    policy = found.trained.policy
-    done = RunDone(
-        out=str(folder),
-        version=version(),
-        effort=found.effort,
-        seed=seed,
-        av=av,
-        bounded=mask.bounded,
-        budget=mask.budget,
-        reward=reward,
-        nde=found.nde.rate,
-        natural=found.natural,
-        natural_cases=found.natural_cases.analysed,
-        train=RunTrained(**vars(policy), **vars(found.reached)),
-        baselines=found.baselines.rates,
-        generate=found.filled,
-        analyse=found.analysed,
-        report=str(folder / "report.html"),
-        seconds=round(time.perf_counter() - begun, 3),
-        spending=found.spending,
-    )
-    write_json(folder / SUMMARY, as_json(done))
-    made = provenance({**identity, "policy_hash": policy.policy_hash}, done.seconds)
-    write_json(folder / "provenance.json", {**made, "point_seconds": list(found.trained.point_seconds)})
-    write_report(folder)
-    progress("report", 1, 1)
-    return done

@@ -9,8 +9,6 @@ import numpy as np
 
 from cornerforge.drivers.avs import numbers_of_av
 from cornerforge.errors import ReplayError
-from cornerforge.execution import Rooms, in_order
-from cornerforge.execution.progress import Progress
 from cornerforge.experiment.av_file import av_of
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.foreign.spec import with_av
@@ -18,6 +16,8 @@ from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.road.straight import along
 from cornerforge.sim import NATURAL, SUBSTEPS, Ending, Script, ScriptDriver
 from cornerforge.verbs.cases import experiment_with
+from cornerforge.work import Rooms, in_order
+from cornerforge.work.progress import Progress
 from cornerforge.world_options import WorldOptions
 
 __all__ = ["StoredScripts", "drive_as_recorded", "run_with"]

@@ -15,7 +15,6 @@ from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.verdicts import count_paid, verdict_of
 from cornerforge.adversary.worlds import judge_crashes, reward_numbers
 from cornerforge.errors import OutputError
-from cornerforge.execution.progress import NO_PROGRESS, Progress, moving
 from cornerforge.experiment.counting import drive_tests, rate_summary
 from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.forecast import forecast
@@ -30,6 +29,7 @@ from cornerforge.results.learning import Baseline
 from cornerforge.results.rates import Yield
 from cornerforge.sim import ADVERSARIES, NO_CAST, Tally, crashed_tests
 from cornerforge.verbs.options.learning import Train
+from cornerforge.work.progress import NO_PROGRESS, Progress, moving
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 __all__ = [
     "BASELINES",
     "EVALUATION_TESTS",
+    "about_training",
     "canonical_curve",
     "checkpoint_beside",
     "curve_report",
@@ -65,7 +66,8 @@ BASELINES = ("uniform", "lane-changer", "swerve")
 """Plain adversaries, each unmasked and masked, and traffic without an adversary stand beside every yield."""
 
 
-def _about(run: Experiment, config: TrainConfig, result: TrainResult, seed: int) -> dict[str, Any]:
+def about_training(run: Experiment, config: TrainConfig, result: TrainResult, seed: int) -> dict[str, Any]:
+    """Say in the header of what was learnt how it was made: code, settings, seed, world, curve."""
     return {
         "cornerforge": version(),
         "code": code_hash(),
@@ -181,7 +183,7 @@ def learn(
             progress=curve_report(told, config, max_seconds),
             checkpoint=checkpoint,
         )
-    about = _about(run, config, result, seed)
+    about = about_training(run, config, result, seed)
     return Policy(result.weights, config.network, run.bounded, about, run.budget, config.head), result
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 from cornerforge._options import verb
@@ -11,13 +11,12 @@ from cornerforge.errors import InputError
 from cornerforge.experiment.av_file import load_av, save_av
 from cornerforge.experiment.counting import rate_summary, simulate_experiment
 from cornerforge.experiment.experiments import check_threads
-from cornerforge.experiment.output import check_new_file, code_hash, version
+from cornerforge.experiment.output import check_new_file
 from cornerforge.experiment.setting import experiment
-from cornerforge.ndd.model import model_hash
 from cornerforge.results import TrainedAv
 from cornerforge.sim import AV_FEATURES_VERSION
 from cornerforge.verbs.options.learning import TrainAv
-from cornerforge.verbs.train import EVALUATION_TESTS, canonical_curve, checkpoint_beside, curve_report
+from cornerforge.verbs.train import EVALUATION_TESTS, about_training, checkpoint_beside, curve_report
 
 __all__ = ["train_av"]
 
@@ -55,18 +54,8 @@ def train_av(options: TrainAv) -> TrainedAv:
         max_seconds=max_seconds, progress=curve_report(options.progress, config, max_seconds), checkpoint=checkpoint,
     )  # fmt: skip
     network = AvNetwork(config.network, result.weights, AV_FEATURES_VERSION)
-    about = {
-        "cornerforge": version(),
-        "code": code_hash(),
-        "train": asdict(config),
-        "seed": options.seed,
-        "odd": run.odd.stated(),
-        "model_hash": model_hash(run.model),
-        "decisions": result.decisions,
-        "updates": result.updates,
-        "curve": canonical_curve(result),
-    }
-    save_av(network, about, path)
+    about = about_training(run, config, result, options.seed)
+    save_av(network, {name: value for name, value in about.items() if name not in ("av", "av_hash")}, path)
     checkpoint.remove()
     trained = experiment(world, av=str(path))
     tally, _ = simulate_experiment(

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from cornerforge._jit import kernel
 from cornerforge.adversary.worlds.rewards import av_strikes
 from cornerforge.counterfactual import Braking, is_avoidable
-from cornerforge.execution import Rooms, in_order
 from cornerforge.recordings import Trajectories
 from cornerforge.sim import AV_CRASH, Recorder, Setting, World
+from cornerforge.work import Rooms, in_order
 
 __all__ = ["judge_crash", "judge_crashes"]
 

@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer, check_number
-from cornerforge.execution import in_order
-from cornerforge.execution.progress import NO_PROGRESS, Progress
 from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.ext.calibrate.persistence import Pairs, pairs_of
 from cornerforge.road.straight import along, road_numbers
 from cornerforge.sim import Outcomes, allocate_windows, drive_chunk_by_window, n_slots, statistics, warm_up
 from cornerforge.types import METRES_PER_MILE, Odd
+from cornerforge.work import in_order
+from cornerforge.work.progress import NO_PROGRESS, Progress
 
 __all__ = [
     "DRIFT_WINDOWS",

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from cornerforge.execution.progress import NO_PROGRESS, Progress
 from cornerforge.experiment.setting import experiment
 from cornerforge.intervals import binomial_interval, poisson_interval
 from cornerforge.ndd.model import NddModel
 from cornerforge.rates.exposure import SAMPLE_TESTS, bv_travel
 from cornerforge.rates.monte_carlo import drive_block
+from cornerforge.work.progress import NO_PROGRESS, Progress
 
 __all__ = ["traffic_crashes"]
 

@@ -12,7 +12,6 @@ import numpy as np
 from cornerforge._checks import check_integer
 from cornerforge._locks import claims
 from cornerforge.errors import AvFaultError, InputError
-from cornerforge.execution.progress import NO_PROGRESS, Progress
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import check_new_folder, code_hash, provenance, version, write_json
 from cornerforge.experiment.setting import RECORDED_AV, experiment
@@ -26,6 +25,7 @@ from cornerforge.ndd.model import save_model
 from cornerforge.sim import Script
 from cornerforge.types import Odd
 from cornerforge.verbs.drive_case import av_straight_on, crash_in_words, happened_in, known_frames, recorded_drive
+from cornerforge.work.progress import NO_PROGRESS, Progress
 from cornerforge.world_options import WorldOptions
 
 __all__ = ["CRASH", "NO_CRASH", "UNKNOWN", "CaseOutcome", "CasesDriven", "library_of"]

@@ -15,7 +15,6 @@ from cornerforge.adversary.worlds import REWARDS, reward_numbers
 from cornerforge.analysis.crash_types import CRASH_TYPES, STRIKERS
 from cornerforge.analysis.mechanism import crash_types_of
 from cornerforge.drivers.avs import AVS, av_hash
-from cornerforge.execution.progress import Progress
 from cornerforge.experiment.counting import drive_tests, rate_summary, simulate_experiment
 from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.output import code_hash, read_json_file, write_json
@@ -32,6 +31,7 @@ from cornerforge.verbs.train import (
     load_timed_policy,
     write_provenance_beside,
 )
+from cornerforge.work.progress import Progress
 from cornerforge.world_options import WorldOptions
 
 __all__ = ["PLAIN", "REPRODUCE_EFFORTS", "Adversary", "Bench", "ReproduceEffort"]

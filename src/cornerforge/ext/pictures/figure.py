@@ -12,7 +12,6 @@ from cornerforge._options import verb
 from cornerforge.analysis.avoidability import AvoidParams, avoidability
 from cornerforge.analysis.in_words import what_happened
 from cornerforge.errors import InputError, UnknownNameError
-from cornerforge.execution.progress import Progress
 from cornerforge.experiment.output import check_new_file, is_finished_run
 from cornerforge.ext.pictures.options import Figure
 from cornerforge.ext.pictures.printed import CAPTIONS, print_chart
@@ -24,6 +23,7 @@ from cornerforge.results.whole import Figured, FiguredOne
 from cornerforge.types import Scenario
 from cornerforge.verbs.analyse import analyse
 from cornerforge.verbs.make_report import library_of
+from cornerforge.work.progress import Progress
 
 if TYPE_CHECKING:
     from cornerforge.report.artefacts import Artefacts

@@ -7,13 +7,13 @@ from pathlib import Path
 from cornerforge.analysis.avoidability import Avoidability
 from cornerforge.analysis.in_words import avoidance_in_words, case_in_words
 from cornerforge.errors import InputError
-from cornerforge.execution.progress import NO_PROGRESS, Progress
 from cornerforge.experiment.output import check_new_file, writing
 from cornerforge.ext.pictures.avoidance_figure import avoidance_figure
 from cornerforge.ext.pictures.film import check_film, film
 from cornerforge.report.drawing import check_matplotlib, png_of, svg_of
 from cornerforge.report.moments import partner_of
 from cornerforge.types import Scenario
+from cornerforge.work.progress import NO_PROGRESS, Progress
 
 __all__ = ["check_picture", "check_video", "write_picture", "write_video"]
 

@@ -21,7 +21,6 @@ from cornerforge._checks import check_integer
 from cornerforge._schema import Closed, Share, Whole, meant, read
 from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.errors import InputError
-from cornerforge.execution.progress import Progress
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import read_json_file, write_json
 from cornerforge.ext.calibrate.uncertainty import check_drawable, drawn_model, drawn_variations
@@ -40,6 +39,7 @@ from cornerforge.rates.weighted import weighted_rate
 from cornerforge.results import NaturalRate
 from cornerforge.results.driving import Cost, ModelUncertainty
 from cornerforge.sim import BUILT_IN
+from cornerforge.work.progress import Progress
 
 __all__ = ["Draw", "check_model_draws", "with_model_draws"]
 

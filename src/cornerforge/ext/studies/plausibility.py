@@ -12,7 +12,6 @@ from cornerforge._checks import check_integer
 from cornerforge._options import verb
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.errors import InputError
-from cornerforge.execution.progress import Progress
 from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import (
@@ -33,6 +32,7 @@ from cornerforge.report.drawing import BLUE, GREY, ORANGE, check_matplotlib, new
 from cornerforge.results import Plausibility, as_json, from_json
 from cornerforge.results.cases import NaturalPlausibility, PlausibilityRow, PlausibilityRun
 from cornerforge.verbs.train import EVALUATION_TESTS, evaluate, learn, training_faults
+from cornerforge.work.progress import Progress
 from cornerforge.world_options import WorldOptions
 
 __all__ = ["BUDGETS_NATS", "plausibility", "plausibility_text"]

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from cornerforge._options import verb
 from cornerforge.drivers.careful import CAREFUL, HOLDS, SCENARIOS, drives_into
 from cornerforge.errors import AvFaultError
-from cornerforge.execution import in_order
 from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import (
@@ -39,6 +38,7 @@ from cornerforge.ndd.model import save_model
 from cornerforge.results import Regulated
 from cornerforge.results.r157 import RegulatedFamily, RegulatedPair, RegulatedRoads
 from cornerforge.sim import AV_CRASH, AV_FAULT, NOBODY, RAILS, Rails, Setting, simulate_chunks
+from cornerforge.work import in_order
 
 if TYPE_CHECKING:
     from cornerforge.ext.studies.r157_page import R157Picture

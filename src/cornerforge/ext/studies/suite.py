@@ -15,7 +15,6 @@ from cornerforge._options import verb
 from cornerforge.analysis.contact import impact_speed
 from cornerforge.drivers.avs import AVS
 from cornerforge.errors import InputError, ReplayError
-from cornerforge.execution.progress import Progress
 from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import check_new_folder, code_hash, config_hash, provenance, version, write_json
@@ -30,6 +29,7 @@ from cornerforge.results.suite import LeftOutAll, LeftOutAv, SuiteAv, SuiteBuilt
 from cornerforge.sim import Ending
 from cornerforge.verbs.cases import SEVERAL, experiment_of
 from cornerforge.verbs.stored_cases import StoredScripts, drive_as_recorded, run_with
+from cornerforge.work.progress import Progress
 from cornerforge.world_options import WorldOptions
 
 __all__ = ["suite_build", "suite_text"]

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer
 from cornerforge._options import verb
 from cornerforge.errors import InputError
-from cornerforge.execution.progress import Progress
 from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.setting import experiment
@@ -24,6 +23,7 @@ from cornerforge.library.filling import harvest_tests
 from cornerforge.results import Varied, from_json
 from cornerforge.results.cases import VarietyRow
 from cornerforge.sim import AV_FAULT
+from cornerforge.work.progress import Progress
 from cornerforge.world_options import WorldOptions
 
 __all__ = ["VARIETY_TESTS", "variety"]

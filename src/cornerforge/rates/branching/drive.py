@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
-from cornerforge.execution import Rooms, cpu_seconds, in_order
 from cornerforge.rates.branching.population import (
     TREE,
     Plan,
@@ -31,6 +30,7 @@ from cornerforge.sim import (
     naming_tests,
     warn_of_left_out,
 )
+from cornerforge.work import Rooms, cpu_seconds, in_order
 
 __all__ = ["BUILT_IN_TREES", "DrivenTrees", "TrainingTable", "TreeDriver", "Watched", "drive_trees"]
 

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import AvFaultError
-from cornerforge.execution import is_given_up
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.process import AvFailureError
 from cornerforge.foreign.session import AvSession, seeds_of
@@ -23,6 +22,7 @@ from cornerforge.rates.branching import schedule
 from cornerforge.rates.branching.drive import TreeDriver, Watched
 from cornerforge.rates.branching.population import Population
 from cornerforge.sim import answer_width
+from cornerforge.work import is_given_up
 
 __all__ = ["ForeignTrees"]
 

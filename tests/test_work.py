@@ -8,8 +8,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from cornerforge import execution, work
 from cornerforge.errors import InputError
-from cornerforge.execution import Rooms, in_order
+from cornerforge.work import Rooms, in_order
 
 
 @pytest.mark.parametrize("threads", [1, 3])
@@ -79,3 +80,8 @@ def test_a_room_serves_one_at_a_time_and_is_used_again() -> None:
         raise ValueError("spoiled")
     with rooms.lend(), rooms.lend():
         assert len(made) == 3
+
+
+def test_the_earlier_name_gives_the_same() -> None:
+    assert sorted(execution.__all__) == sorted(work.__all__)
+    assert all(getattr(execution, name) is getattr(work, name) for name in work.__all__)

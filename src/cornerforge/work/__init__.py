@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 from cornerforge._doors import door
 
 if TYPE_CHECKING:
-    from cornerforge.execution.code import code_hash
-    from cornerforge.execution.spread import ENGINES, cpu_seconds, engine, in_order, is_spread
-    from cornerforge.execution.threads import Rooms, default_threads, is_given_up
+    from cornerforge.work.code import code_hash
+    from cornerforge.work.spread import ENGINES, cpu_seconds, engine, in_order, is_spread
+    from cornerforge.work.threads import Rooms, default_threads, is_given_up
 
 __all__ = [
     "ENGINES",
@@ -28,7 +28,7 @@ __all__ = [
 ]
 
 __getattr__ = door(
-    "cornerforge.execution",
+    "cornerforge.work",
     {
         "ENGINES": "spread",
         "Rooms": "threads",

@@ -20,8 +20,8 @@ from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from cornerforge.errors import EngineError, MissingExtraError
-from cornerforge.execution.code import code_hash
-from cornerforge.execution.threads import default_threads
+from cornerforge.work.code import code_hash
+from cornerforge.work.threads import default_threads
 
 __all__ = ["Cluster", "joined"]
 
@@ -129,7 +129,7 @@ def _task() -> Callable[..., Any]:
         import ray
 
         try:
-            from cornerforge.execution.worker import work_on
+            from cornerforge.work.worker import work_on
         except ImportError as error:
             return (
                 f"{socket.gethostname()} cannot import cornerforge as it is here ({error}); install the same "

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from cornerforge.errors import EngineError
-from cornerforge.execution.code import code_hash
+from cornerforge.work.code import code_hash
 
 __all__ = ["Done", "work_on"]
 

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, TypeVar
 from cornerforge._checks import check_in, check_integer
 from cornerforge._schema import check_value
 from cornerforge.errors import InputError
-from cornerforge.execution.threads import in_threads
+from cornerforge.work.threads import in_threads
 
 if TYPE_CHECKING:
-    from cornerforge.execution.cluster import Cluster
+    from cornerforge.work.cluster import Cluster
 
 __all__ = ["ENGINES", "cpu_seconds", "engine", "in_order", "is_spread"]
 
@@ -60,7 +60,7 @@ def engine(name: str = "threads", *, address: str | None = None, workers: int | 
         finally:
             _cluster.reset(token)
         return
-    from cornerforge.execution.cluster import joined  # needs the extra "ray"
+    from cornerforge.work.cluster import joined  # needs the extra "ray"
 
     with joined(address, workers) as cluster:
         token = _cluster.set(cluster)

@@ -1,0 +1,93 @@
+"""Stages of a job: each is done once; a finished one leaves a file, so a job that was killed goes on after it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from cornerforge._schema import read
+from cornerforge.results import as_json
+from cornerforge.work.files import read_json_file, write_json
+from cornerforge.work.progress import NO_PROGRESS, Progress, begin_part
+
+__all__ = ["Stage", "Stages"]
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Part of a job.
+
+    Attributes:
+        name: Of the stage.
+        kind: Type of its result.
+        work: Does it.
+        after: Stages that come before it.
+        makes: Names the files that it makes in the output folder, once the stages before it are done.
+        is_kept: Says whether its result gets a file; else it is made anew each time, of what other stages left.
+    """
+
+    name: str
+    kind: type[Any]
+    work: Callable[[], Any]
+    after: tuple[str, ...] = ()
+    makes: Callable[[], Sequence[str]] = tuple
+    is_kept: Callable[[], bool] = lambda: True
+
+
+class Stages:
+    """Runner of stages: each runs once; `stages/NAME.json` holds its result and appears only when it is complete.
+
+    Args:
+        out: The output folder.
+        progress: Told which stage begins, if their number is known.
+        of: Their number; None: not known.
+    """
+
+    def __init__(self, out: Path, progress: Progress = NO_PROGRESS, of: int | None = None) -> None:
+        self._out, self._progress, self._of, self._begun = out, progress, of, 0
+
+    def go(self, stages: Sequence[Stage], found: dict[str, Any]) -> None:
+        """Do stages, always the first of the list for which all is done that comes before it.
+
+        Args:
+            stages: The stages.
+            found: Gets their results, by name.
+        """
+        left = list(stages)
+        while left:
+            stage = next(one for one in left if found.keys() >= set(one.after))
+            left.remove(stage)
+            if stage.is_kept():
+                found[stage.name] = self.do(stage.name, stage.kind, stage.work, stage.makes())
+            else:
+                self.begin()
+                found[stage.name] = stage.work()
+
+    def do(self, name: str, kind: type[T], work: Callable[[], T], makes: Sequence[str] = ()) -> T:
+        """Give the result of a stage, from its file if it is there; else do the work and leave the file.
+
+        Args:
+            name: Of the stage.
+            kind: Of its result.
+            work: Does the work.
+            makes: Files in the output folder that it makes; without one of them it is not finished.
+
+        Raises:
+            FileFormatError: The file is damaged.
+        """
+        self.begin()
+        path = self._out / "stages" / f"{name}.json"
+        if not all(file.exists() for file in (path, *(self._out / made for made in makes))):
+            write_json(path, as_json(work()))
+        # A resumed run reads the result from the file, so this run goes on with the same values.
+        return read(kind, read_json_file(path), f"{path} is damaged", "remove it, or choose another place.")
+
+    def begin(self) -> None:
+        """Tell the progress that the next stage begins; `do` and `go` do so too."""
+        self._begun += 1
+        if self._of is not None:
+            begin_part(self._progress, self._begun, self._of)
