@@ -170,7 +170,7 @@ def _decisions(*names: str, layout: str | None = None) -> Callable[[], Answer]:
         from cornerforge.ext.calibrate.readers import read_decisions
 
         found = read_decisions([Path(name) for name in names], layout)
-        return [[_digest(*vars(r.decisions).values()), repr(r.bad), r.rows_read, r.notes] for r in found]
+        return [[_digest(*vars(r.decisions).values()), repr(r.table.bad), r.table.rows_read, r.notes] for r in found]
 
     return read
 

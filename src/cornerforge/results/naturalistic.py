@@ -10,6 +10,7 @@ from cornerforge.results.rates import Interval
 
 __all__ = [
     "BadRows",
+    "FitReport",
     "FitTraffic",
     "FitVariant",
     "FittedLaneChanges",
@@ -325,8 +326,8 @@ class FitVariant:
 
 
 @dataclass(frozen=True, kw_only=True)
-class NddFitted:
-    """A naturalistic model fitted to trajectories: what went in and what came out."""
+class FitReport:
+    """What went into a fit of a naturalistic model, and what came out."""
 
     rows_read: Annotated[Whole, meant("Rows of all files.")]
     rows_used: Annotated[Whole, meant("Rows that passed every check.")]
@@ -355,6 +356,12 @@ class NddFitted:
     sensitivity: Annotated[
         tuple[FitVariant, ...], meant("What other choices would have given; empty without `--study`.")
     ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class NddFitted(FitReport):
+    """A naturalistic model fitted to trajectories: what went in and what came out."""
+
     format: Annotated[str, meant("Format of the files: the one named, or else the one guessed.")]
     model_hash: Annotated[str, _MODEL_HASH]
     report: Annotated[str, meant("File of the report.")]

@@ -19,9 +19,9 @@ from cornerforge._checks import check_in, check_number
 from cornerforge.errors import DataError, InputError
 from cornerforge.ext.calibrate.decisions import Decisions, concatenate
 from cornerforge.ext.calibrate.lane_change import LaneChange
-from cornerforge.ext.calibrate.lane_fit import LANE_CHANGE_CHOICES, LaneChangeFit, fit_lane_changes
+from cornerforge.ext.calibrate.lane_fit import LANE_CHANGE_CHOICES, fit_lane_changes, notes_on
 from cornerforge.ext.calibrate.laws import FollowingLaw, IdmLaw, LogLaw, bin_index, fit_law, log_likelihood
-from cornerforge.ext.calibrate.parts import ModelPart, parts_of
+from cornerforge.ext.calibrate.parts import parts_of
 from cornerforge.ext.calibrate.predictors import fitted_idms
 from cornerforge.ext.calibrate.prior import (
     FREE_PULL,
@@ -33,11 +33,12 @@ from cornerforge.ext.calibrate.prior import (
     free_prior,
 )
 from cornerforge.ext.calibrate.readers import Reading, read_decisions
-from cornerforge.ext.calibrate.report import FitReport
 from cornerforge.ext.calibrate.scores import grid_place, held_out_scores
 from cornerforge.ext.calibrate.traits import NoiseSpread, fit_noise_spread
 from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
+from cornerforge.results import as_json
+from cornerforge.results.naturalistic import BadRows, FitReport, FittedLaneChanges, FittedPart
 from cornerforge.types import ACCELERATIONS
 
 __all__ = ["DEFAULT_PRIOR_STRENGTH", "fit_model"]
@@ -114,14 +115,14 @@ def fit_model(
     log_law, baselines, too_few, notes = _fit_laws(training)
     idms = {name: asdict(idm) for name, idm in baselines.items()}
     tell("Fitting the lane changes")
-    changes = fit_lane_changes(readings, lane_changes)
+    lane_change, changes = fit_lane_changes(readings, lane_changes)
     noise = fit_noise_spread(training, log_law)
     safe, fast = _calmed(SafeLaw(log_law), training)
     laws: dict[str, FollowingLaw] = {"log": log_law, **baselines, "model": safe}
     tell("Making the tables")
-    origin = _provenance(readings, data_format, strength, safe, changes, noise) | {"idm": idms}
+    origin = _provenance(readings, data_format, strength, safe, lane_change, changes, noise) | {"idm": idms}
     initial = replace(InitialState(), noise_spread=noise.spread)
-    model, counted, counted_free = _assemble(safe, changes.law, initial, training, strength, origin)
+    model, counted, counted_free = _assemble(safe, lane_change, initial, training, strength, origin)
     parts = parts_of(
         training, too_few=too_few, fast=fast, counted=int(counted.sum()), counted_free=counted_free,
         strength=strength, changes=changes, noise=noise,
@@ -141,13 +142,13 @@ def _refuse_twins(readings: Sequence[Reading]) -> None:
 
 def _nothing_to_fit(readings: Sequence[Reading], held_out: int) -> DataError:
     """Make the error for files with rows that give no decision to fit on."""
-    used, read = sum(reading.rows_used for reading in readings), sum(reading.rows_read for reading in readings)
+    used, read = sum(reading.rows_used for reading in readings), sum(reading.table.rows_read for reading in readings)
     made = f"{held_out} decision(s), all held out" if held_out else "no decision"
     vehicles = sum(reading.vehicles for reading in readings)
     faults = [
         f"{reading.path.name}: {reason} ({rows} row(s), first at line {line})"
         for reading in readings
-        for reason, (rows, line) in reading.bad.reasons.items()
+        for reason, (rows, line) in reading.table.bad.reasons.items()
     ]
     return DataError(
         f"No decision is left to fit on: {used} usable of {read} row(s) make {made}. They are of {vehicles} "
@@ -277,11 +278,12 @@ def _provenance(
     data_format: str,
     strength: float,
     safe: SafeLaw,
-    changes: LaneChangeFit,
+    lane_change: LaneChange,
+    changes: FittedLaneChanges,
     noise: NoiseSpread,
 ) -> dict[str, object]:
     """Describe the model's origin, without times and folders, so that the same data give the same file."""
-    fitted = {"lane_change_fit": changes.to_json()} if changes.fitted else {}
+    fitted = {"lane_change_fit": as_json(changes)} if changes.fitted else {}
     fitted |= {"noise_spread_fit": asdict(noise)} if noise.fitted else {}
     return fitted | {
         "made_by": f"cornerforge {importlib.metadata.version('cornerforge')}",
@@ -294,7 +296,7 @@ def _provenance(
                 "sha256": reading.sha256,
                 "layout": reading.layout.name,
                 "smoothing_window_s": reading.layout.window,
-                "rows_read": reading.rows_read,
+                "rows_read": reading.table.rows_read,
                 "rows_used": reading.rows_used,
                 "decisions_fitted": int((~reading.decisions.held_out).sum()),
                 "decisions_held_out": int(reading.decisions.held_out.sum()),
@@ -304,7 +306,7 @@ def _provenance(
         "settings": {"prior_strength": strength, "support_sd": SUPPORT_SD},
         "following": asdict(safe),
         "free": asdict(FreeFlow()),
-        "lane_change": asdict(changes.law),
+        "lane_change": asdict(lane_change),
     }
 
 
@@ -315,18 +317,19 @@ def _report(
     counted: NDArray[np.int64],
     scores: dict[str, dict[str, float]],
     notes: list[str],
-    changes: LaneChangeFit,
-    parts: tuple[ModelPart, ...],
+    changes: FittedLaneChanges,
+    parts: tuple[FittedPart, ...],
 ) -> FitReport:
     total = int(counted.sum())
     weighted = float((counted * counted / (counted + strength)).sum() / total) if total else 0.0
     fastest = float(np.percentile(training.speed, 99.0))
     return FitReport(
-        rows_read=sum(reading.rows_read for reading in readings),
+        rows_read=sum(reading.table.rows_read for reading in readings),
         rows_used=sum(reading.rows_used for reading in readings),
         bad_rows={
             reading.path.name: {
-                reason: {"rows": count, "first_line": line} for reason, (count, line) in reading.bad.reasons.items()
+                reason: BadRows(rows=count, first_line=line)
+                for reason, (count, line) in reading.table.bad.reasons.items()
             }
             for reading in readings
         },
@@ -342,10 +345,11 @@ def _report(
             *notes,
             *(note for reading in readings for note in reading.notes),
             *_always_true(fastest, total),
-            *changes.notes(),
+            *notes_on(changes),
         ),
         parts=parts,
         lane_changes=changes,
+        sensitivity=(),
     )
 
 

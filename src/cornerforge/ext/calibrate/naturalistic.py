@@ -65,8 +65,9 @@ def ndd_fit(options: NddFit) -> NddFitted:
         )
         report = replace(report, sensitivity=rows)
         write_fit_report(report, model, page)
-    about = {"format": data_format, "model_hash": model_hash(model), "report": str(page), "out": str(path)}
-    return from_json(NddFitted, report.to_json() | about)
+    return NddFitted(
+        **vars(report), format=data_format, model_hash=model_hash(model), report=str(page), out=str(path)
+    )  # fmt: skip
 
 
 def fit_text(result: NddFitted) -> str:

@@ -69,8 +69,8 @@ class Reading:
         sha256: SHA-256 of its bytes.
         layout: The layout it was recognised as, with the file's own frame rate.
         decisions: One a second.
-        rows_read: All rows.
-        bad: Rows left out, by reason.
+        table: Its usable rows, sorted by vehicle and time, and those left out; jumps, of which no decision is made, are
+            in both.
         vehicles: Vehicles of the other rows; of pairs, pairs.
         notes: Oddities of the file as a whole, one or two plain sentences each; also given as warnings.
     """
@@ -79,15 +79,14 @@ class Reading:
     sha256: str
     layout: Layout
     decisions: Decisions
-    rows_read: int
-    bad: BadRows
+    table: Table
     vehicles: int
     notes: tuple[str, ...] = ()
 
     @property
     def rows_used(self) -> int:
         """Rows that passed every check."""
-        return self.rows_read - self.bad.total
+        return self.table.rows_read - self.table.bad.total
 
 
 def read_decisions(
@@ -221,10 +220,10 @@ def _with_scene(layout: Layout, scene: Scene) -> Layout:
 def _read(path: Path, data_format: str, window_factor: float) -> Reading:
     rows = read_rows(path, data_format)
     layout = replace(rows.layout, window=rows.layout.window * window_factor)
-    table, notes = rows.table, rows.notes
+    table, notes = replace(rows.table), rows.notes
     vehicles = int(drivers(table).max()) + 1
     decisions = _pairs(table, layout) if layout.kind == "pairs" else _tracks(table, layout, notes)
-    return Reading(path, file_sha256(path), layout, decisions, table.rows_read, table.bad, vehicles, tuple(notes))
+    return Reading(path, file_sha256(path), layout, decisions, rows.table, vehicles, tuple(notes))
 
 
 def _recognise(path: Path, header: list[str], data_format: str) -> Layout:

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from cornerforge.execution.progress import NO_PROGRESS, Progress
 from cornerforge.experiment.setting import experiment
 from cornerforge.intervals import binomial_interval, poisson_interval
 from cornerforge.ndd.model import NddModel
 from cornerforge.rates.exposure import SAMPLE_TESTS, bv_travel
 from cornerforge.rates.monte_carlo import drive_block
+from cornerforge.results.naturalistic import FitTraffic
 
 __all__ = ["traffic_crashes"]
 
 
 def traffic_crashes(
     name: str, model: NddModel, *, tests: int, seed: int = 0, threads: int = 1, progress: Progress = NO_PROGRESS
-) -> dict[str, Any]:
+) -> FitTraffic:
     """Drive tests of the default ODD with `idm-mobil` among the BVs of a model, and count crashes.
 
     Args:
@@ -26,11 +25,6 @@ def traffic_crashes(
         seed: Seed of the tests.
         threads: Pool size; does not change the result.
         progress: Called with the progress.
-
-    Returns:
-        `tests`, `av_crashes`, `av_crashes_per_test`, `av_interval95` (Clopper-Pearson); `bv_crashes` (between two BVs),
-        `bv_miles` (of all BVs together; from a sample, exact to some tenths of a percent), `bv_crashes_per_mile`,
-        `bv_interval95` (exact Poisson).
     """
     run = experiment(model=model)
     run.warm_up()
@@ -41,13 +35,14 @@ def traffic_crashes(
 
     counted = drive_block(run.setting, run.slots, seed=seed, first=0, tests=tests, threads=threads, tell=tell)
     av_crashes, miles = len(counted.crashed), tests * travel.miles_per_test
-    return {
-        "tests": tests,
-        "av_crashes": av_crashes,
-        "av_crashes_per_test": av_crashes / tests,
-        "av_interval95": list(binomial_interval(av_crashes, tests)),
-        "bv_crashes": counted.bv_crashes,
-        "bv_miles": miles,
-        "bv_crashes_per_mile": counted.bv_crashes / miles,
-        "bv_interval95": [bound / miles for bound in poisson_interval(counted.bv_crashes)],
-    }
+    low, high = poisson_interval(counted.bv_crashes)
+    return FitTraffic(
+        tests=tests,
+        av_crashes=av_crashes,
+        av_crashes_per_test=av_crashes / tests,
+        av_interval95=binomial_interval(av_crashes, tests),
+        bv_crashes=counted.bv_crashes,
+        bv_miles=miles,
+        bv_crashes_per_mile=counted.bv_crashes / miles,
+        bv_interval95=(low / miles, high / miles),
+    )
