@@ -95,9 +95,9 @@ def test_the_report_counts_and_scores(tmp_path: Path) -> None:
     path = pairs_file(tmp_path / "p.csv")
     said: list[str] = []
     model, report = fit_model([path], "pairs", progress=said.append)
-    as_json = json.loads(json.dumps(as_json(report)))
-    assert (as_json["rows_read"], as_json["rows_used"], as_json["bad_rows"]) == (7260, 7260, {"p.csv": {}})
-    score = as_json["held_out_log_likelihood"]["p.csv"]
+    told = json.loads(json.dumps(as_json(report)))
+    assert (told["rows_read"], told["rows_used"], told["bad_rows"]) == (7260, 7260, {"p.csv": {}})
+    score = told["held_out_log_likelihood"]["p.csv"]
     assert score["decisions"] == 12 * 12
     assert score["log"] > score["idm"] > score["uniform"]
     assert score["uniform"] == pytest.approx(-3.434, abs=1e-3)
