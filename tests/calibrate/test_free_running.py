@@ -117,13 +117,13 @@ def test_threads_do_not_matter(run: Experiment) -> None:
 
 
 def test_quantities_are_those_of_all_windows(parts: list[FreeRunning]) -> None:
-    both, first = quantities_of(parts), quantities_of(parts[:1])
+    both, first = quantities_of(joined(parts)), quantities_of(parts[0])
     assert set(both) == {grid.name for grid in statistics.JOINT}
-    for name, (grid, counts) in both.items():
-        assert counts.shape == (41, grid.bins)
-        assert counts.sum() > first[name][1].sum() > 0
-    following = both["gap"][1].sum()
-    assert both["acceleration_following"][1].sum() == both["inverse_ttc"][1].sum() == following
+    for name, quantity in both.items():
+        assert quantity.counts.shape[0] == 41
+        assert quantity.counts.sum() > first[name].counts.sum() > 0
+    following = both["gap"].counts.sum()
+    assert both["acceleration_following"].counts.sum() == both["inverse_ttc"].counts.sum() == following
 
 
 @pytest.mark.parametrize(("name", "value"), [("miles", 99.0), ("miles", float("nan")), ("seed", -1), ("threads", 0)])

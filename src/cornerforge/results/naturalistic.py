@@ -17,6 +17,7 @@ __all__ = [
     "FittedLaneNumber",
     "FittedPart",
     "HeldOutScore",
+    "ImportReport",
     "NddFitted",
     "NddImported",
     "NddShown",
@@ -213,8 +214,8 @@ class NddShown:
 
 
 @dataclass(frozen=True, kw_only=True)
-class NddImported:
-    """A naturalistic model made of published arrays, and what came from where."""
+class ImportReport:
+    """What of a naturalistic model came from which published array."""
 
     files: Annotated[
         dict[str, dict[str, float | str]],
@@ -228,6 +229,12 @@ class NddImported:
     unused: Annotated[tuple[str, ...], meant("Files left unused because a preferred one is there.")]
     notes: Annotated[tuple[str, ...], _NOTES]
     model_hash: Annotated[str, _MODEL_HASH]
+
+
+@dataclass(frozen=True, kw_only=True)
+class NddImported(ImportReport):
+    """A naturalistic model made of published arrays, and what came from where."""
+
     report: Annotated[str, meant("File of the report: this object without `report` and `out`.")]
     out: Annotated[str, _OUT]
 

@@ -12,7 +12,7 @@ from cornerforge.experiment.output import check_new_file, write_json
 from cornerforge.ext.calibrate.options import NddFit, NddImport
 from cornerforge.ext.calibrate.traffic_crashes import traffic_crashes
 from cornerforge.ndd.model import default_model_path, load_model, model_hash, save_model
-from cornerforge.results import NddFitted, NddImported, from_json
+from cornerforge.results import NddFitted, NddImported, as_json
 
 __all__ = ["fit_text", "import_text", "ndd_fit", "ndd_import"]
 
@@ -104,9 +104,8 @@ def ndd_import(options: NddImport) -> NddImported:
     made, report = import_arrays(Path(options.folder), base, say)
     save_model(made, path)
     page = path.with_suffix(".report.json")
-    result = {**report.to_json(), "model_hash": model_hash(made)}
-    write_json(page, result)
-    return from_json(NddImported, {**result, "report": str(page), "out": str(path)})
+    write_json(page, as_json(report))
+    return NddImported(**vars(report), report=str(page), out=str(path))
 
 
 def import_text(result: NddImported) -> str:

@@ -11,7 +11,7 @@ the decisions of the scored files that are not scored.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,20 +31,21 @@ from cornerforge.ext.calibrate.predictors import (
 )
 from cornerforge.ext.calibrate.prior import SafeLaw
 from cornerforge.ext.calibrate.readers import Reading
-from cornerforge.ext.calibrate.resampling import Distance, bootstrap_mean, distance, owner_sums
+from cornerforge.ext.calibrate.resampling import bootstrap_mean, distance, owner_sums
 from cornerforge.ext.calibrate.scores import grid_place
 from cornerforge.ndd.model import NddModel
+from cornerforge.results.validation import BaselineDifference, PartDistance, PartLikelihood
 from cornerforge.types import ACCELERATIONS
 
 __all__ = [
     "FEWEST_VEHICLES",
     "GATED_PARTS",
     "GATES",
-    "Comparison",
-    "PartScore",
     "Validation",
+    "better",
     "decisions_to_score",
     "observed_and_predicted",
+    "passed",
     "reading_names",
     "stated_idms",
     "stated_law",
@@ -66,60 +67,20 @@ _BINS = ACCELERATIONS.size
 _BIN_WIDTH = 0.2
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """Mean difference of log-likelihood per decision, model minus a baseline, with its 95 % interval."""
-
-    difference: float
-    interval95: tuple[float, float]
-
-    @property
-    def better(self) -> bool:
-        """The model is better, and not by chance."""
-        return self.interval95[0] > 0.0
-
-
-@dataclass(frozen=True)
-class PartScore:
-    """Law or table on the decisions of one file.
-
-    Attributes:
-        decisions: How many were scored.
-        vehicles: Number of drivers of these decisions.
-        model: Log-likelihood per decision [nat]; uniform guessing has -3.43.
-        interval95: Interval of `model`, by bootstrap over vehicles, as all intervals here.
-        baselines: Log-likelihood per decision of each baseline [nat].
-        model_minus: The comparison of the model with each baseline.
-        accelerations: Distance between observed and predicted accelerations, over all states together, both in the
-            model's 31 bins.
-    """
-
-    decisions: int
-    vehicles: int
-    model: float
-    interval95: tuple[float, float]
-    baselines: Mapping[str, float]
-    model_minus: Mapping[str, Comparison]
-    accelerations: Distance
-
-    @property
-    def passed(self) -> bool:
-        """Better than every baseline of `GATES`."""
-        return all(self.model_minus[name].better for name in GATES)
-
-
-@dataclass(frozen=True)
-class Validation:
+class Validation(NamedTuple):
     """Findings of a validation.
 
     Attributes:
         files: File -> part ("law", "table", "table_without_past", "law_on_grid") -> score; every file has at least one
             of `GATED_PARTS`.
+        accelerations: Likewise, distance between observed and predicted accelerations, over all states together, both
+            in the model's 31 bins.
         idms: The IDMs that were compared with, by name.
         notes: What a reader must know, one plain sentence each.
     """
 
-    files: Mapping[str, Mapping[str, PartScore]]
+    files: dict[str, dict[str, PartLikelihood]]
+    accelerations: dict[str, dict[str, PartDistance]]
     idms: Mapping[str, IdmLaw]
     notes: tuple[str, ...]
 
@@ -127,21 +88,18 @@ class Validation:
     def passed(self) -> bool:
         """Every gated part of every file passed."""
         return all(
-            score.passed for parts in self.files.values() for part, score in parts.items() if part in GATED_PARTS
+            passed(score) for parts in self.files.values() for part, score in parts.items() if part in GATED_PARTS
         )
 
-    def to_json(self) -> dict[str, object]:
-        """The keys `log_likelihood_per_decision`, `distances`, `idm` and `notes`, JSON-compatible."""
-        every = {name: {part: asdict(score) for part, score in parts.items()} for name, parts in self.files.items()}
-        distances = {
-            name: {part: score.pop("accelerations") for part, score in parts.items()} for name, parts in every.items()
-        }
-        return {
-            "log_likelihood_per_decision": every,
-            "distances": {"acceleration": distances},
-            "idm": {name: asdict(idm) for name, idm in self.idms.items()},
-            "notes": list(self.notes),
-        }
+
+def better(versus: BaselineDifference) -> bool:
+    """Tell whether the model is better than a baseline, and not by chance."""
+    return versus.interval95[0] > 0.0
+
+
+def passed(score: PartLikelihood) -> bool:
+    """Tell whether a part is better than every baseline of `GATES`."""
+    return all(better(score.model_minus[name]) for name in GATES)
 
 
 def stated_law(model: NddModel) -> SafeLaw | None:
@@ -205,14 +163,16 @@ def validate_readings(model: NddModel, readings: Sequence[Reading]) -> Validatio
     baselines |= {"raw_table": raw_table_predictor(training), "uniform": uniform_predictor}
     if law is None:
         notes.append("The model states no following law: only decisions on its grid (19.5 m/s and above) are scored.")
-    files = {}
+    files, accelerations = {}, {}
     for name, reading, decisions in zip(names, readings, scored, strict=True):
         if not decisions.held_out.any():
             notes.append(_in_sample_note(name, reading, model))
-        files[name] = _score_file(name, model, law, decisions, baselines)
-        if "table" not in files[name]:
+        parts = _score_file(name, model, law, decisions, baselines)
+        files[name] = {part: score for part, (score, _) in parts.items()}
+        accelerations[name] = {part: apart for part, (_, apart) in parts.items()}
+        if "table" not in parts:
             notes.append(f"{name}: fewer than {FEWEST_VEHICLES} vehicles on the grid; its table is not scored.")
-    return Validation(files, idms, tuple(notes))
+    return Validation(files, accelerations, idms, tuple(notes))
 
 
 def decisions_to_score(decisions: Decisions) -> Decisions:
@@ -251,7 +211,7 @@ def _in_sample_note(name: str, reading: Reading, model: NddModel) -> str:
 
 def _score_file(
     name: str, model: NddModel, law: SafeLaw | None, decisions: Decisions, baselines: Mapping[str, Predictor]
-) -> dict[str, PartScore]:
+) -> dict[str, tuple[PartLikelihood, PartDistance]]:
     on_grid = grid_place(decisions)[3]
     parts = {}
     if law is not None and np.unique(decisions.vehicle).size >= FEWEST_VEHICLES:
@@ -270,21 +230,25 @@ def _score_file(
     return parts
 
 
-def _score(predict: Predictor, decisions: Decisions, baselines: Mapping[str, Predictor]) -> PartScore:
+def _score(
+    predict: Predictor, decisions: Decisions, baselines: Mapping[str, Predictor]
+) -> tuple[PartLikelihood, PartDistance]:
     log_p, predicted = _predict(predict, decisions)
     others = {name: _predict(baseline, decisions)[0] for name, baseline in baselines.items()}
-    return PartScore(
+    score = PartLikelihood(
         decisions=decisions.size,
         vehicles=int(np.unique(decisions.vehicle).size),
         model=float(log_p.mean()),
         interval95=bootstrap_mean(log_p, decisions.vehicle),
         baselines={name: float(other.mean()) for name, other in others.items()},
         model_minus={
-            name: Comparison(float((log_p - other).mean()), bootstrap_mean(log_p - other, decisions.vehicle))
+            name: BaselineDifference(
+                difference=float((log_p - other).mean()), interval95=bootstrap_mean(log_p - other, decisions.vehicle)
+            )
             for name, other in others.items()
         },
-        accelerations=distance(_observed(decisions), predicted, _BIN_WIDTH, "m/s2"),
     )
+    return score, distance(_observed(decisions), predicted, _BIN_WIDTH, "m/s2")
 
 
 def _predict(predict: Predictor, decisions: Decisions) -> tuple[Floats, Floats]:

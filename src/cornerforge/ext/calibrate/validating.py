@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import fields
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from cornerforge.ext.calibrate.free_running import (
     FreeTraffic,
     quantities_of,
     simulate_free_running,
+    speeds_of,
     upper_rate,
 )
 from cornerforge.ext.calibrate.options import NddValidate
@@ -32,10 +33,16 @@ from cornerforge.ext.calibrate.persistence import compare_persistence
 from cornerforge.ext.calibrate.transitions import compare_transitions
 from cornerforge.ndd.model import model_hash
 from cornerforge.results import NddValidated, as_json, from_json
-from cornerforge.results.validation import AcceptedGaps, FactFound, LaneChangeRate, RecordedQuantity, RecordedTtc
-
-if TYPE_CHECKING:
-    from cornerforge.ext.calibrate.compare import SimulatedTraffic
+from cornerforge.results.validation import (
+    AcceptedGaps,
+    FactFound,
+    LaneChangeRate,
+    PartDistance,
+    PartLikelihood,
+    RecordedQuantity,
+    RecordedTtc,
+)
+from cornerforge.sim import statistics
 
 __all__ = ["did_not_pass", "ndd_validate", "validation_text"]
 
@@ -104,20 +111,30 @@ def ndd_validate(options: NddValidate) -> NddValidated:
     )
     whole, parts = traffic.during(WHOLE), [traffic.during(window) for window in DRIFT_WINDOWS]
     options.progress("validate: comparing", 0, 1)
-    told = scores.to_json()
-    distances: Any = told.pop("distances")
-    notes: Any = told.pop("notes")
+
+    def plain(parts: Mapping[str, PartLikelihood | PartDistance]) -> dict[str, Any]:
+        return {name: asdict(part) for name, part in parts.items()}
+
     facts = _facts(traffic, whole, parts) + compare_transitions(run, reading_names(readings), readings)
     content = {
         "model": str(options.model),
         "model_hash": model_hash(run.model),
-        **told,
-        "distances": distances | compare_traffic(run.model, readings, _simulated(whole)),
+        "log_likelihood_per_decision": {file: plain(parts) for file, parts in scores.files.items()},
+        "idm": {name: asdict(idm) for name, idm in scores.idms.items()},
+        "distances": {
+            "acceleration": {file: plain(parts) for file, parts in scores.accelerations.items()},
+            **compare_traffic(
+                run.model,
+                readings,
+                quantities_of(whole),
+                int(whole.total().totals[statistics.LANE_CHANGES]) / whole.miles,
+            ),
+        },
         "one_step_ahead": conditional,
         "facts": facts,
         "traffic": [_traffic(part) for part in parts],
         "themes": {name: {"title": title, "meaning": meaning} for name, (title, meaning) in THEMES.items()},
-        "notes": [*notes, *_traffic_notes(whole, parts)],
+        "notes": [*scores.notes, *_traffic_notes(whole, parts)],
         "passed": scores.passed and all(fact["within"] is not False for fact in facts),
         "seconds": round(time.perf_counter() - start, 3),
     }
@@ -157,30 +174,13 @@ def _write_page(folder: Path, result: NddValidated) -> None:
     write_text(folder / _PAGE, page_of(result, figures))
 
 
-def _simulated(whole: FreeRunning) -> SimulatedTraffic:
-    """Give the whole drive the form for `ext.calibrate.compare`."""
-    from cornerforge.ext.calibrate.compare import SimulatedQuantity, SimulatedTraffic
-    from cornerforge.sim import statistics
-
-    quantities = {
-        name: SimulatedQuantity(grid.unit, grid.low, grid.width, counts)
-        for name, (grid, counts) in quantities_of([whole]).items()
-    }
-    return SimulatedTraffic(quantities, int(whole.total().totals[statistics.LANE_CHANGES]) / whole.miles)
-
-
 def _traffic(part: FreeRunning) -> dict[str, Any]:
     """Describe one window: how much was counted, its distributions, and shares of bins for pictures."""
-    curves = {}
-    quantities = quantities_of([part])
-    for name, (grid, counts) in quantities.items():
-        if name in _CURVES:
-            shares = _shares(counts.sum(axis=0))
-            curves[name] = {"low": grid.low, "width": grid.width, "unit": grid.unit, "shares": shares}
-    speeds = sum(
-        (quantities[f"acceleration_{kind}"][1].sum(axis=1) for kind in ("following", "free")), np.zeros(41, int)
-    )
-    curves["speed"] = {"low": -0.5, "width": 1.0, "unit": "m/s", "shares": _shares(speeds)}
+    quantities = quantities_of(part)
+    curves = {
+        name: {"low": q.low, "width": q.width, "unit": q.unit, "shares": _shares(q.counts.sum(axis=0))}
+        for name, q in [*((name, quantities[name]) for name in _CURVES), ("speed", speeds_of(quantities))]
+    }
     return {
         "when": part.window.name,
         "worlds": part.tests,
