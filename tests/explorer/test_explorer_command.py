@@ -15,8 +15,9 @@ from explorer.conftest import BRAKES, asked, started, stopped
 
 from cornerforge.cli import main
 from cornerforge.errors import InputError
-from cornerforge.ext.explorer import Exhibit
 from cornerforge.ext.explorer import serve as verb
+from cornerforge.ext.explorer.driving import Driving
+from cornerforge.ext.explorer.exhibit import Exhibit
 
 pytestmark = pytest.mark.full
 
@@ -59,7 +60,7 @@ def test_an_analysis_that_fails_is_said_on_the_page(
     place: Path, monkeypatch: pytest.MonkeyPatch, fault: Exception
 ) -> None:
     found = [dataclasses.replace(one, analysis=None) for one in verb._sources(place)]
-    exhibit = Exhibit("run", [(one.source, None) for one in found], verb._driving((), found[0].source))
+    exhibit = Exhibit("run", [(one.source, None) for one in found], Driving((), found[0].source))
     warmed: list[str] = []
 
     def fail(*_: Any, **__: Any) -> None:

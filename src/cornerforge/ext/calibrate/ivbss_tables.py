@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -187,8 +187,9 @@ def reduce_lane_changes(base: NddModel, tables: Mapping[str, Cells]) -> tuple[Nd
         model, found["lc_alone"] = _with_wish(model, tables["lc_alone"])
     for role, name in (("lc_lead", "lc_accept_lead"), ("lc_rear", "lc_accept_rear")):
         if role in tables:
-            accept, found[role] = _acceptance(model, tables[role], getattr(base, name))
-            model = replace(model, **{name: accept})
+            changed: dict[str, Any] = {}
+            changed[name], found[role] = _acceptance(model, tables[role], getattr(base, name))
+            model = replace(model, **changed)
     if "lc_both" in tables:
         cells = tables["lc_both"]
         product = _flat(model.lc_accept_lead)[cells.first] * _flat(model.lc_accept_rear)[cells.second]

@@ -18,9 +18,8 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from cornerforge.errors import CornerForgeError, FileFormatError, OutputError
-from cornerforge.ext.explorer.exhibit import Exhibit
+from cornerforge.ext.explorer.exhibit import Exhibit, UnknownKeyError
 from cornerforge.ext.explorer.room import UnavailableError
-from cornerforge.ext.explorer.state import UnknownKeyError
 
 __all__ = ["POLICY", "Guard", "explorer_app", "read_page"]
 
