@@ -339,6 +339,6 @@ def test_the_first_card_is_honest(exhibit: Exhibit, word: str, title: str, told:
     table = exhibit.table.table
     column = pa.array([word] * table.num_rows).dictionary_encode()
     changed = table.set_column(table.column_names.index("prevention"), "prevention", column)
-    first = cards(exhibit._state.sources, dataclasses.replace(exhibit.table, table=changed))[0]
+    first = cards(list(exhibit._state.sources.values()), dataclasses.replace(exhibit.table, table=changed))[0]
     assert title in first["title"]
     assert told in first["text"]

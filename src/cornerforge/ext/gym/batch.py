@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any
 
+import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,8 +27,8 @@ from cornerforge.adversary.worlds import (
 )
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.experiment.experiments import Experiment
-from cornerforge.ext.gym.misuse import ClosedError, ResetNeededError
-from cornerforge.ext.gym.spaces import av_commands
+from cornerforge.ext.gym.raster import top_view
+from cornerforge.ext.gym.spaces import ClosedError, ResetNeededError, av_commands
 from cornerforge.sim import (
     AV_CRASH,
     AV_FAULT,
@@ -46,7 +47,7 @@ from cornerforge.sim import (
 )
 from cornerforge.types import FRAME_S
 
-__all__ = ["FIRST_TEST", "OUTCOMES", "AvBatch", "Batch", "BvBatch", "check_seed", "numbers_of", "read_options"]
+__all__ = ["FIRST_TEST", "OUTCOMES", "AvBatch", "Batch", "BvBatch", "check_seed", "read_options"]
 
 FIRST_TEST = 1 << 40
 """Number of the first test after `reset(seed=...)`: where training takes its tests too, far from the tests of
@@ -90,18 +91,6 @@ def read_options(options: Mapping[str, Any] | None, known: Sequence[str]) -> dic
         if name not in known:
             raise UnknownNameError("option of reset", name, known)
     return dict(options)
-
-
-def numbers_of(actions: object) -> NDArray[Any]:
-    """Make an array of given actions; from input that is no array, such as a ragged list, one of objects.
-
-    >>> numbers_of([1, 2]).dtype.kind, numbers_of([[1], [1, 2]]).dtype.kind
-    ('i', 'O')
-    """
-    try:
-        return np.asarray(actions)
-    except ValueError:
-        return np.array(None, dtype=object)
 
 
 class Batch(ABC):
@@ -194,13 +183,27 @@ class Batch(ABC):
         """Check that there is something to see in each world.
 
         Raises:
-            ClosedError: `close` was called.
-            InputError: Another thread is at work.
+            ClosedError, InputError: As `check_open`.
             ResetNeededError: A world has not had a test yet.
         """
         self.check_open()
         if not self.is_seeded.all():
             raise ResetNeededError("No test has begun; call reset() first.")
+
+    def pictures(self, render_mode: str | None) -> list[NDArray[np.uint8]] | None:
+        """Draw the road around each AV from above (`raster.top_view`); None, with a warning, without a render mode.
+
+        Raises:
+            ClosedError, InputError, ResetNeededError: As `check_begun`.
+        """
+        self.check_open()
+        if render_mode is None:  # as Gymnasium's own environments do
+            gymnasium.logger.warn(
+                'There is no picture without a render mode; make the environment with render_mode="rgb_array".'
+            )
+            return None
+        self.check_begun()
+        return [top_view(self.worlds, b, self.run.setting.road) for b in range(self.n)]
 
     @contextmanager
     def _alone(self) -> Iterator[None]:

@@ -10,15 +10,19 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_in
 from cornerforge._options import made_of
-from cornerforge._words import shown
-from cornerforge.ext.gym.batch import OUTCOMES, Batch, numbers_of
+from cornerforge.ext.gym.batch import OUTCOMES, Batch
 from cornerforge.ext.gym.batch import check_seed as _check_seed
 from cornerforge.ext.gym.batch import read_options as _read_options
-from cornerforge.ext.gym.misuse import InvalidActionError, ResetNeededError, warn_of_no_picture
 from cornerforge.ext.gym.options import Adversary, Driving
-from cornerforge.ext.gym.raster import top_view
 from cornerforge.ext.gym.runs import adversary_batch, driving_batch
-from cornerforge.ext.gym.spaces import adversary_observations, driving_actions, driving_observations, one_of_33
+from cornerforge.ext.gym.spaces import (
+    ResetNeededError,
+    adversary_observations,
+    checked,
+    driving_actions,
+    driving_observations,
+    one_of_33,
+)
 
 __all__ = ["AdversaryEnv", "DrivingEnv"]
 
@@ -91,23 +95,10 @@ class _SingleEnv(gymnasium.Env[Any, Any]):
         batch.check_begun()
         if batch.is_over[0]:
             raise ResetNeededError("The test has ended; call reset() first.")
-        batch.step(self._checked(action)[None], _ONE)
+        batch.step(checked("action", action, self.action_space)[None], _ONE)
         over, cut = bool(batch.is_over[0]), bool(batch.truncated[0])
         observation = batch.observation[0].copy()
         return observation, float(batch.reward[0]), over and not cut, over and cut, self._info(stepped=True)
-
-    def _checked(self, action: Any) -> NDArray[Any]:
-        space = self.action_space
-        given = numbers_of(action)
-        if isinstance(space, gymnasium.spaces.Discrete):
-            right = given.shape == () and given.dtype.kind in "iu" and bool(0 <= given < space.n)
-            allowed = f"a whole number from 0 to {space.n - 1}"
-        else:
-            right = given.shape == space.shape and given.dtype.kind in "iuf" and bool(np.isfinite(given).all())
-            allowed = f"{space.shape} finite numbers from -1 to 1"
-        if not right:
-            raise InvalidActionError(f"action = {shown(action)} is not allowed; give {allowed}.")
-        return given
 
     def render(self) -> NDArray[np.uint8] | None:
         """Draw the road around the AV from above, uint8 (height, width, 3); None without render_mode "rgb_array".
@@ -116,12 +107,8 @@ class _SingleEnv(gymnasium.Env[Any, Any]):
             ClosedError: The environment is closed.
             ResetNeededError: No test has begun.
         """
-        self._batch.check_open()
-        if self.render_mode is None:
-            warn_of_no_picture()
-            return None
-        self._batch.check_begun()
-        return top_view(self._batch.worlds, 0, self._batch.run.setting.road)
+        pictures = self._batch.pictures(self.render_mode)
+        return None if pictures is None else pictures[0]
 
     def close(self) -> None:
         """Release the environment's threads and memory; a second call does nothing."""

@@ -83,7 +83,8 @@ def _exposure(bench: Bench, name: str, adversary: Adversary | None) -> _Exposure
     run = bench.experiment("idm-mobil", adversary)
     made_of = {"av_hash": av_hash(run.av), "policy": None if run.policy is None else policy_hash(run.policy)}
     kept = bench.kept(f"exposure.{name}", made_of, lambda: _count(bench, run, name))
-    return _Exposure(*(np.array(kept[part]) for part in ("samples", "seconds", "miles")), kept["tests"])
+    samples, seconds, miles = (np.array(kept[part]) for part in ("samples", "seconds", "miles"))
+    return _Exposure(samples, seconds, miles, kept["tests"])
 
 
 def _median(grid: statistics.HistogramGrid, counts: NDArray[np.int64]) -> float:
