@@ -38,7 +38,6 @@ __all__ = [
     "free_running_odd",
     "is_counted",
     "joined",
-    "lower_rate",
     "quantities_of",
     "simulate_free_running",
     "speeds_of",
@@ -278,14 +277,3 @@ def upper_rate(events: int, exposure: float, confidence: float = 0.95) -> float:
     from scipy.special import chdtri
 
     return float(chdtri(2.0 * (events + 1.0), 1.0 - confidence) / 2.0 / exposure)
-
-
-def lower_rate(events: int, exposure: float, confidence: float = 0.95) -> float:
-    """Return the exact one-sided lower bound of a Poisson rate; 0 for no events. Source as for `upper_rate`.
-
-    >>> lower_rate(0, 1e6), round(lower_rate(1, 1e6) * 1e6, 4)
-    (0.0, 0.0513)
-    """
-    from scipy.special import chdtri
-
-    return float(chdtri(2.0 * events, confidence) / 2.0 / exposure) if events else 0.0

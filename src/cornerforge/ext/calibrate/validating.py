@@ -16,8 +16,7 @@ from cornerforge._options import verb
 from cornerforge.experiment.counting import distributions_of
 from cornerforge.experiment.output import open_output, write_json, write_text
 from cornerforge.experiment.setting import experiment
-from cornerforge.ext.calibrate.cut_ins import CUT_IN_FACTS
-from cornerforge.ext.calibrate.facts import CRASH_LIMIT, compare_crashes, compare_with_facts
+from cornerforge.ext.calibrate.facts import CRASH_LIMIT, CUT_IN_FACTS, compare_crashes, compare_with_facts
 from cornerforge.ext.calibrate.free_running import (
     DRIFT_WINDOWS,
     WHOLE,
@@ -131,11 +130,11 @@ def ndd_validate(options: NddValidate) -> NddValidated:
             ),
         },
         "one_step_ahead": conditional,
-        "facts": facts,
+        "facts": [as_json(fact) for fact in facts],
         "traffic": [_traffic(part) for part in parts],
         "themes": {name: {"title": title, "meaning": meaning} for name, (title, meaning) in THEMES.items()},
         "notes": [*scores.notes, *_traffic_notes(whole, parts)],
-        "passed": scores.passed and all(fact["within"] is not False for fact in facts),
+        "passed": scores.passed and all(fact.within is not False for fact in facts),
         "seconds": round(time.perf_counter() - start, 3),
     }
     if folder is not None:
@@ -147,7 +146,7 @@ def ndd_validate(options: NddValidate) -> NddValidated:
     return found
 
 
-def _facts(traffic: FreeTraffic, whole: FreeRunning, parts: list[FreeRunning]) -> list[dict[str, Any]]:
+def _facts(traffic: FreeTraffic, whole: FreeRunning, parts: list[FreeRunning]) -> list[FactFound]:
     """Compare the traffic with all that is known, theme by theme."""
     return [
         *(row for part in parts for row in compare_with_facts(part)),
