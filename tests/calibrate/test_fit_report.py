@@ -11,9 +11,8 @@ import pytest
 
 from cornerforge.ext.calibrate.lane_fit import not_fitted
 from cornerforge.ext.calibrate.parts import FITTED, PRIOR
-from cornerforge.ext.calibrate.sensitivity import fit_sensitivity
+from cornerforge.ext.calibrate.sensitivity import fit_sensitivity, traffic_crashes
 from cornerforge.ext.calibrate.shown import counted_states
-from cornerforge.ext.calibrate.traffic_crashes import traffic_crashes
 from cornerforge.ndd import FitReport, write_fit_report
 from cornerforge.ndd.model import NddModel
 from cornerforge.results.naturalistic import FittedPart, FitTraffic, FitVariant

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -19,16 +20,14 @@ from numpy.typing import NDArray
 from cornerforge.ext.calibrate.decisions import Decisions
 from cornerforge.ext.calibrate.free_running import Quantity, speeds_of
 from cornerforge.ext.calibrate.lane_observations import LaneObservations, observe_lane_changes
-from cornerforge.ext.calibrate.predictors import Predictor, law_predictor, table_predictor
 from cornerforge.ext.calibrate.prior import SafeLaw
-from cornerforge.ext.calibrate.readers import Reading
+from cornerforge.ext.calibrate.readers import Reading, reading_names
 from cornerforge.ext.calibrate.resampling import distance, resampled_weights
-from cornerforge.ext.calibrate.scores import grid_place
+from cornerforge.ext.calibrate.scores import Predictor, grid_place, law_predictor, remembered_probabilities
 from cornerforge.ext.calibrate.validate import (
     FEWEST_VEHICLES,
     decisions_to_score,
     observed_and_predicted,
-    reading_names,
     stated_law,
 )
 from cornerforge.ndd.grids import GAP_GRID, SPEED_GRID
@@ -99,17 +98,17 @@ def _states(decisions: Decisions, q: Mapping[str, Quantity]) -> dict[str, Result
     speeds = speeds_of(q, SLOWEST)
     speeds = speeds._replace(counts=np.tile(speeds.counts, (41, 1)))
     found: dict[str, Result] = {
-        "speed": _compare(fast, fast.speed, speeds, why)
+        "speed": _distance(fast, fast.speed, speeds, why)
         if why or share >= FREE_RUNNING_SHARE
         else {
             "not_compared": f"{1.0 - share:.0%} of the decisions are slower than {SLOWEST} m/s: congested or slow "
             "traffic has a speed of its own, of which the model says nothing."
         },
-        "gap": _compare(led, led.gap, q["gap"], why),
-        "time_gap": _compare(led, led.gap / np.maximum(led.speed, 0.1), q["time_gap"], why),
-        "range_rate": _compare(led, led.range_rate, q["range_rate"], why),
-        "acceleration_following": _compare(led, led.acceleration, q["acceleration_following"], why),
-        "acceleration_free": _compare(alone, alone.acceleration, q["acceleration_free"], why),
+        "gap": _distance(led, led.gap, q["gap"], why),
+        "time_gap": _distance(led, led.gap / np.maximum(led.speed, 0.1), q["time_gap"], why),
+        "range_rate": _distance(led, led.range_rate, q["range_rate"], why),
+        "acceleration_following": _distance(led, led.acceleration, q["acceleration_following"], why),
+        "acceleration_free": _distance(alone, alone.acceleration, q["acceleration_free"], why),
         "ttc_share_below": _ttc_shares(led, closing, q["inverse_ttc"], why),
     }
     if share < FREE_RUNNING_SHARE:
@@ -155,19 +154,15 @@ def _match(vehicle: Ints, speed: Floats, place: Ints, simulated: Quantity) -> _M
     return _Matched(by_bin, by_speed @ shares, int((~known).sum()))
 
 
-def _compare(d: Decisions, values: Floats, simulated: Quantity, why: str) -> Result:
-    """Compare one quantity of recorded decisions with simulated traffic at the same speeds."""
-    return _distance(d.vehicle, d.speed, values, simulated, why)
-
-
 def _distance(
-    vehicle: Ints,
-    speed: Floats,
+    of: Decisions | tuple[Ints, Floats],
     values: Floats,
     simulated: Quantity,
     why: str,
     fewest: int = FEWEST_OBSERVATIONS,
 ) -> Result:
+    """Compare one quantity of recorded decisions, or of vehicles and speeds, with simulated traffic at these speeds."""
+    vehicle, speed = of if isinstance(of, tuple) else (of.vehicle, of.speed)
     why = why or _too_few(np.unique(vehicle).size, values.size, "in such a state", fewest)
     if why:
         return {"not_compared": why}
@@ -234,7 +229,7 @@ def _lanes(
         quantity = traffic[f"accepted_{side}_gap"]
         what = f"changing lanes at {SLOWEST} m/s and above"
         why = _too_few(np.unique(seen.vehicle[use]).size, int(use.sum()), what, FEWEST_GAPS)
-        row = _distance(seen.vehicle[use], seen.speed[use], gap[use], quantity, why, FEWEST_GAPS)
+        row = _distance((seen.vehicle[use], seen.speed[use]), gap[use], quantity, why, FEWEST_GAPS)
         found[f"accepted_{side}_gap"] = row | _refused(getattr(model, f"lc_accept_{side}"), gap[known], closing[known])
     return found
 
@@ -305,7 +300,7 @@ def _cell(
         return None
     predict: Predictor
     if low >= SLOWEST:
-        predict, by = table_predictor(model), "table"
+        predict, by = partial(remembered_probabilities, model), "table"
     elif law is not None and state != "free":
         predict, by = law_predictor(law), "law"
     else:

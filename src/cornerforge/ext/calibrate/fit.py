@@ -22,7 +22,6 @@ from cornerforge.ext.calibrate.lane_change import LaneChange
 from cornerforge.ext.calibrate.lane_fit import LANE_CHANGE_CHOICES, fit_lane_changes, notes_on
 from cornerforge.ext.calibrate.laws import FollowingLaw, IdmLaw, LogLaw, bin_index, fit_law, log_likelihood
 from cornerforge.ext.calibrate.parts import parts_of
-from cornerforge.ext.calibrate.predictors import fitted_idms
 from cornerforge.ext.calibrate.prior import (
     FREE_PULL,
     MEMORY,
@@ -32,8 +31,8 @@ from cornerforge.ext.calibrate.prior import (
     following_prior,
     free_prior,
 )
-from cornerforge.ext.calibrate.readers import Reading, read_decisions
-from cornerforge.ext.calibrate.scores import grid_place, held_out_scores
+from cornerforge.ext.calibrate.readers import Reading, read_decisions, reading_names
+from cornerforge.ext.calibrate.scores import fitted_idms, grid_place, held_out_scores
 from cornerforge.ext.calibrate.traits import NoiseSpread, fit_noise_spread
 from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
@@ -106,7 +105,7 @@ def fit_model(
         read_decisions(paths, data_format, window_factor=window_factor),
         key=lambda reading: (reading.path.name, reading.sha256),
     )
-    _refuse_twins(readings)
+    reading_names(readings)  # refuses a file that is given twice
     decisions = concatenate([reading.decisions for reading in readings])
     training = decisions.where(~decisions.held_out)
     if training.size == 0:
@@ -130,14 +129,6 @@ def fit_model(
     tell("Scoring the decisions held out")
     scores = held_out_scores(laws, model, {reading.path.name: reading.decisions for reading in readings})
     return model, _report(readings, training, strength, counted, scores, notes, changes, parts)
-
-
-def _refuse_twins(readings: Sequence[Reading]) -> None:
-    seen: dict[str, str] = {}
-    for reading in readings:
-        if reading.sha256 in seen:
-            raise InputError(f"{reading.path.name} and {seen[reading.sha256]} are the same file; name it once.")
-        seen[reading.sha256] = reading.path.name
 
 
 def _nothing_to_fit(readings: Sequence[Reading], held_out: int) -> DataError:

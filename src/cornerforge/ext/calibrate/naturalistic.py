@@ -10,7 +10,6 @@ from cornerforge._options import verb
 from cornerforge.experiment.experiments import check_threads
 from cornerforge.experiment.output import check_new_file, write_json
 from cornerforge.ext.calibrate.options import NddFit, NddImport
-from cornerforge.ext.calibrate.traffic_crashes import traffic_crashes
 from cornerforge.ndd.model import default_model_path, load_model, model_hash, save_model
 from cornerforge.results import NddFitted, NddImported, as_json
 
@@ -30,16 +29,7 @@ def ndd_fit(options: NddFit) -> NddFitted:
     from cornerforge.ext.calibrate.readers import guess_format
     from cornerforge.ndd import fit_model, write_fit_report
 
-    path = _model_place(options.out)
-    drive = None
-    if options.study and options.study_tests:
-        drive = partial(
-            traffic_crashes,
-            tests=options.study_tests,
-            seed=options.seed,
-            threads=check_threads(options.threads),
-            progress=options.progress,
-        )
+    path, threads = _model_place(options.out), check_threads(options.threads)
 
     def say(stage: str) -> None:
         options.progress(f"fit: {stage}", 0, 1)
@@ -53,16 +43,15 @@ def ndd_fit(options: NddFit) -> NddFitted:
     page = path.with_suffix(".report.html")
     write_fit_report(report, model, page)  # before the options.study, so that a stop loses no fit
     if options.study:
-        from cornerforge.ext.calibrate.sensitivity import fit_sensitivity
+        from cornerforge.ext.calibrate.sensitivity import fit_sensitivity, traffic_crashes
 
-        rows = fit_sensitivity(
-            paths,
-            data_format,
-            prior_strength=options.prior_strength,
-            lane_changes=options.lane_changes,
-            progress=say,
-            drive=drive,
+        drive = partial(
+            traffic_crashes, tests=options.study_tests, seed=options.seed, threads=threads, progress=options.progress
         )
+        rows = fit_sensitivity(
+            paths, data_format, prior_strength=options.prior_strength, lane_changes=options.lane_changes, progress=say,
+            drive=drive if options.study_tests else None,
+        )  # fmt: skip
         report = replace(report, sensitivity=rows)
         write_fit_report(report, model, page)
     return NddFitted(

@@ -50,6 +50,7 @@ __all__ = [
     "position_along",
     "read_decisions",
     "read_rows",
+    "reading_names",
     "ticks",
     "with_tracks",
 ]
@@ -112,6 +113,21 @@ def read_decisions(
         for note in reading.notes:
             warnings.warn(note, stacklevel=2)
     return readings
+
+
+def reading_names(readings: Sequence[Reading]) -> list[str]:
+    """Return file names, as full paths where two files have the same name.
+
+    Raises:
+        InputError: A file is given twice.
+    """
+    digests = [reading.sha256 for reading in readings]
+    for i, digest in enumerate(digests):
+        if digest in digests[:i]:
+            twin = readings[digests.index(digest)].path
+            raise InputError(f"{readings[i].path} and {twin} are the same file; name it once.")
+    short = [reading.path.name for reading in readings]
+    return [name if short.count(name) == 1 else str(r.path) for name, r in zip(short, readings, strict=True)]
 
 
 def guess_format(paths: Sequence[Path]) -> str:

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from cornerforge._files import writing
 from cornerforge.errors import MissingExtraError
 from cornerforge.ext.calibrate.lane_fit import notes_on, told_by_data
-from cornerforge.ext.calibrate.shown import counted_states
+from cornerforge.ext.calibrate.shown import counted_states, key_numbers
 from cornerforge.ndd.grids import SPEED_GRID
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel, model_hash
 from cornerforge.report.drawing import inline, new_figure, page, png_of, table
 from cornerforge.results.naturalistic import FitReport, FittedLaneChanges
-from cornerforge.types import ACCELERATIONS
 
 __all__ = ["PROBES", "write_fit_report"]
 
@@ -35,8 +34,8 @@ _SCORED = (
     ("all accelerations alike", "uniform", "uniform"),
 )
 """Name of each score on the page, and its keys in `scores.held_out_scores`: at all speeds, and on the grid."""
-_FREE_FACTS = ((20, 0.61, 0.06), (30, 0.38, 0.008), (36, 0.32, 0.004))
-"""Speed [m/s], published standard deviation [m/s2] and share at or below -1 m/s2 of free-flow accelerations (IVBSS)."""
+_NEAREST = 10.0
+"""Least gap at which the page tells accelerations [m]."""
 
 
 def write_fit_report(report: FitReport, model: NddModel, path: Path) -> None:
@@ -253,28 +252,29 @@ def _bad_rows(report: FitReport) -> str:
 
 
 def _response_table(model: NddModel) -> str:
-    speed = int(np.flatnonzero(SPEEDS == 30.0)[0])
-    mean = model.following[speed].astype(np.float64) @ ACCELERATIONS
-    gaps = [10, 20, 30, 45, 60, 90, 115]
-    rates = [-8, -4, -2, -1, 0, 1, 2, 4]
+    found = key_numbers(model)["following"]
+    means = found["mean_mps2"][found["speed_mps"].index(30.0)]
     rows = [
-        [
-            f"gap {gap} m",
-            *(f"{mean[int(GAPS.searchsorted(gap)), int(RANGE_RATES.searchsorted(rate))]:.2f}" for rate in rates),
-        ]
-        for gap in gaps
+        [f"gap {gap:g} m", *(f"{mean:.2f}" for mean in row)]
+        for gap, row in zip(found["gap_m"], means, strict=True)
+        if gap >= _NEAREST
     ]
-    return table(["range rate [m/s]", *(f"{rate}" for rate in rates)], rows)
+    return table(["range rate [m/s]", *(f"{rate:g}" for rate in found["range_rate_mps"])], rows)
 
 
 def _free_table(model: NddModel) -> str:
-    rows = []
-    for speed, sd, share in _FREE_FACTS:
-        p = model.free[int(SPEEDS.searchsorted(speed))].astype(np.float64)
-        mean = float(p @ ACCELERATIONS)
-        spread = float(np.sqrt(p @ (ACCELERATIONS - mean) ** 2))
-        hard = float(p[ACCELERATIONS <= -0.99].sum())
-        rows.append([f"{speed} m/s", f"{mean:.3f}", "0.02 to 0.05", f"{spread:.2f}", sd, f"{hard:.1%}", f"{share:.1%}"])
+    free, rows = key_numbers(model)["free_flow"], []
+    for fact in free["published"]:
+        mean, sd, hard = (
+            free[name][free["speed_mps"].index(fact["speed_mps"])]
+            for name in ("mean_mps2", "sd_mps2", "share_braking_1_mps2")
+        )
+        rows.append(
+            [
+                f"{fact['speed_mps']:g} m/s", f"{mean:.3f}", "{:g} to {:g}".format(*fact["mean_mps2"]), f"{sd:.2f}",
+                fact["sd_mps2"], f"{hard:.1%}", f"{fact['share_braking_1_mps2']:.1%}",
+            ]
+        )  # fmt: skip
     head = ["speed", "mean", "published", "standard deviation", "published", "share ≤ -1 m/s²", "published"]
     return table(head, rows)
 

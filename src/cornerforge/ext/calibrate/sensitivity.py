@@ -13,6 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
+from cornerforge.execution.progress import NO_PROGRESS, Progress
+from cornerforge.experiment.setting import experiment
 from cornerforge.ext.calibrate.decisions import Decisions
 from cornerforge.ext.calibrate.fit import DEFAULT_PRIOR_STRENGTH, fit_model
 from cornerforge.ext.calibrate.laws import log_likelihood
@@ -20,11 +22,14 @@ from cornerforge.ext.calibrate.readers import read_decisions
 from cornerforge.ext.calibrate.report import PROBES
 from cornerforge.ext.calibrate.scores import table_log_likelihood
 from cornerforge.ext.calibrate.validate import stated_law
+from cornerforge.intervals import binomial_interval, poisson_interval
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
+from cornerforge.rates.exposure import SAMPLE_TESTS, bv_travel
+from cornerforge.rates.monte_carlo import drive_block
 from cornerforge.results.naturalistic import FitTraffic, FitVariant, HeldOutScore
 from cornerforge.types import ACCELERATIONS
 
-__all__ = ["OVERLOOK_FACTORS", "STRENGTHS", "WINDOW_FACTORS", "fit_sensitivity"]
+__all__ = ["OVERLOOK_FACTORS", "STRENGTHS", "WINDOW_FACTORS", "fit_sensitivity", "traffic_crashes"]
 
 STRENGTHS = (10.0, 50.0, 1000.0)
 """Other prior strengths to try."""
@@ -107,3 +112,38 @@ def _mean_sd(model: NddModel, speed: float, gap: float, range_rate: float) -> tu
     p = model.following[place].astype(np.float64)
     mean = float(p @ ACCELERATIONS)
     return mean, float(np.sqrt(p @ (ACCELERATIONS - mean) ** 2))
+
+
+def traffic_crashes(
+    name: str, model: NddModel, *, tests: int, seed: int = 0, threads: int = 1, progress: Progress = NO_PROGRESS
+) -> FitTraffic:
+    """Drive tests of the default ODD with `idm-mobil` among the BVs of a model, and count crashes.
+
+    Args:
+        name: Name of the model, for the progress.
+        model: The model by which the BVs drive.
+        tests: Number of tests, at least 1.
+        seed: Seed of the tests.
+        threads: Pool size; does not change the result.
+        progress: Called with the progress.
+    """
+    run = experiment(model=model)
+    run.warm_up()
+    travel = bv_travel(run.setting, run.slots, seed=seed, tests=min(tests, SAMPLE_TESTS), threads=threads)
+
+    def tell(done: int, _: int) -> None:
+        progress(f"drive: {name}", done, tests)
+
+    counted = drive_block(run.setting, run.slots, seed=seed, first=0, tests=tests, threads=threads, tell=tell)
+    av_crashes, miles = len(counted.crashed), tests * travel.miles_per_test
+    low, high = poisson_interval(counted.bv_crashes)
+    return FitTraffic(
+        tests=tests,
+        av_crashes=av_crashes,
+        av_crashes_per_test=av_crashes / tests,
+        av_interval95=binomial_interval(av_crashes, tests),
+        bv_crashes=counted.bv_crashes,
+        bv_miles=miles,
+        bv_crashes_per_mile=counted.bv_crashes / miles,
+        bv_interval95=(low / miles, high / miles),
+    )

@@ -11,6 +11,7 @@ the decisions of the scored files that are not scored.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -20,19 +21,19 @@ from cornerforge._checks import check_number
 from cornerforge.errors import DataError, FileFormatError, InputError
 from cornerforge.ext.calibrate.decisions import Decisions, concatenate
 from cornerforge.ext.calibrate.laws import IdmLaw, LogLaw, bin_index
-from cornerforge.ext.calibrate.predictors import (
+from cornerforge.ext.calibrate.prior import SafeLaw
+from cornerforge.ext.calibrate.readers import Reading, reading_names
+from cornerforge.ext.calibrate.resampling import bootstrap_mean, distance, owner_sums
+from cornerforge.ext.calibrate.scores import (
     Predictor,
     fitted_idms,
-    forgetful_predictor,
+    grid_place,
     law_predictor,
     raw_table_predictor,
-    table_predictor,
+    remembered_probabilities,
+    table_probabilities,
     uniform_predictor,
 )
-from cornerforge.ext.calibrate.prior import SafeLaw
-from cornerforge.ext.calibrate.readers import Reading
-from cornerforge.ext.calibrate.resampling import bootstrap_mean, distance, owner_sums
-from cornerforge.ext.calibrate.scores import grid_place
 from cornerforge.ndd.model import NddModel
 from cornerforge.results.validation import BaselineDifference, PartDistance, PartLikelihood
 from cornerforge.types import ACCELERATIONS
@@ -46,7 +47,6 @@ __all__ = [
     "decisions_to_score",
     "observed_and_predicted",
     "passed",
-    "reading_names",
     "stated_idms",
     "stated_law",
     "validate_readings",
@@ -151,6 +151,8 @@ def validate_readings(model: NddModel, readings: Sequence[Reading]) -> Validatio
         DataError: A file has decisions of too few vehicles.
         FileFormatError: The model's provenance cannot be read.
     """
+    if not readings:
+        raise InputError("No trajectory file to validate against; name at least one with --against.")
     names = reading_names(readings)
     law = stated_law(model)
     scored, unscored = zip(*(_split(reading.decisions) for reading in readings), strict=True)
@@ -187,19 +189,6 @@ def _split(decisions: Decisions) -> tuple[Decisions, Decisions]:
     return following.where(to_score), following.where(~to_score)
 
 
-def reading_names(readings: Sequence[Reading]) -> list[str]:
-    """Return file names, as full paths where two files have the same name."""
-    if not readings:
-        raise InputError("No trajectory file to validate against; name at least one with --against.")
-    digests = [reading.sha256 for reading in readings]
-    for i, digest in enumerate(digests):
-        if digest in digests[:i]:
-            twin = readings[digests.index(digest)].path
-            raise InputError(f"{readings[i].path} and {twin} are the same file; name it once.")
-    short = [reading.path.name for reading in readings]
-    return [name if short.count(name) == 1 else str(r.path) for name, r in zip(short, readings, strict=True)]
-
-
 def _in_sample_note(name: str, reading: Reading, model: NddModel) -> str:
     """Say what weakens the evidence of a file without held-out decisions."""
     fitted = model.provenance.get("files")
@@ -217,8 +206,8 @@ def _score_file(
     if law is not None and np.unique(decisions.vehicle).size >= FEWEST_VEHICLES:
         parts["law"] = _score(law_predictor(law), decisions, baselines)
     if np.unique(decisions.vehicle[on_grid]).size >= FEWEST_VEHICLES:
-        parts["table"] = _score(table_predictor(model), decisions.where(on_grid), baselines)
-        parts["table_without_past"] = _score(forgetful_predictor(model), decisions.where(on_grid), baselines)
+        parts["table"] = _score(partial(remembered_probabilities, model), decisions.where(on_grid), baselines)
+        parts["table_without_past"] = _score(partial(table_probabilities, model), decisions.where(on_grid), baselines)
         if law is not None:
             parts["law_on_grid"] = _score(law_predictor(law), decisions.where(on_grid), baselines)
     if not parts:

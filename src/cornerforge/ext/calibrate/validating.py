@@ -30,6 +30,15 @@ from cornerforge.ext.calibrate.free_running import (
 from cornerforge.ext.calibrate.options import NddValidate
 from cornerforge.ext.calibrate.persistence import compare_persistence
 from cornerforge.ext.calibrate.transitions import compare_transitions
+from cornerforge.ext.calibrate.validation_page import (
+    allowed,
+    check_matplotlib,
+    figures_of,
+    interval,
+    number,
+    page_of,
+    published,
+)
 from cornerforge.ndd.model import model_hash
 from cornerforge.results import NddValidated, as_json, from_json
 from cornerforge.results.validation import (
@@ -91,8 +100,8 @@ def ndd_validate(options: NddValidate) -> NddValidated:
         CornerForgeError: Input, files or output place are not right.
     """
     from cornerforge.ext.calibrate.compare import compare_decisions, compare_traffic
-    from cornerforge.ext.calibrate.readers import read_decisions
-    from cornerforge.ext.calibrate.validate import reading_names, validate_readings
+    from cornerforge.ext.calibrate.readers import read_decisions, reading_names
+    from cornerforge.ext.calibrate.validate import validate_readings
 
     start = time.perf_counter()
     run = experiment(model=Path(options.model))
@@ -158,15 +167,11 @@ def _facts(traffic: FreeTraffic, whole: FreeRunning, parts: list[FreeRunning]) -
 
 def _open(folder: Path, identity: dict[str, Any]) -> None:
     """Claim the folder before the work, and check that the figures can be drawn."""
-    from cornerforge.ext.calibrate.validation_page import check_figures
-
-    check_figures()
+    check_matplotlib()
     open_output(folder, identity, resume=True)
 
 
 def _write_page(folder: Path, result: NddValidated) -> None:
-    from cornerforge.ext.calibrate.validation_page import figures_of, page_of
-
     figures = figures_of(result)
     for name, png in figures.items():
         write_bytes(folder / f"{name}.png", png)
@@ -263,34 +268,20 @@ def _window_lines(facts: Sequence[FactFound]) -> list[str]:
     lines = [f"{head}  {'least n':>9}  {'allowed':<20}published"]
     for name in dict.fromkeys(fact.fact for fact in facts):
         same = [fact for fact in facts if fact.fact == name]
-        cells = "".join(f"{_number(fact.found) + '!' * (fact.within is False):>11}" for fact in same)
+        cells = "".join(f"{number(fact.found) + '!' * (fact.within is False):>11}" for fact in same)
         one, n = same[0], min(fact.n for fact in same)
         lines.append(
-            f"  {f'{name} {one.unit}':<58}{cells}  {n:>9,}  {_allowed(one):<20}{_published(one.published)}".rstrip()
+            f"  {f'{name} {one.unit}':<58}{cells}  {n:>9,}  {allowed(one):<20}{(published(one) or '-')}".rstrip()
         )
     return lines
 
 
-def _number(value: float | None) -> str:
-    return "none" if value is None else f"{value:.3g}"
-
-
-def _allowed(fact: FactFound) -> str:
-    return "shown only" if fact.allowed is None else "{:.3g} to {:.3g}".format(*fact.allowed)
-
-
-def _published(value: float | tuple[float, float] | None) -> str:
-    if value is None:
-        return "-"
-    return f"{value[0]:g}-{value[1]:g}" if isinstance(value, tuple) else f"{value:g}"
-
-
 def _fact_line(fact: FactFound) -> str:
-    interval = "" if fact.interval95 is None else "({:.3g} to {:.3g})".format(*fact.interval95)
+    ends = f"({interval(fact)})" if fact.interval95 else ""
     verdict = "  OUTSIDE" if fact.within is False else ""
     return (
-        f"  {f'{fact.fact} {fact.unit}':<68}{fact.when:<9}{_number(fact.found):>9} {interval:<24}n {fact.n:<9,}"
-        f"{_allowed(fact):<20}{_published(fact.published)}".rstrip()
+        f"  {f'{fact.fact} {fact.unit}':<68}{fact.when:<9}{number(fact.found):>9} {ends:<24}n {fact.n:<9,}"
+        f"{allowed(fact):<20}{published(fact) or '-'}".rstrip()
         + verdict
     )
 

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge._files import write_bytes
-from cornerforge.errors import MissingExtraError
 from cornerforge.ext.paper.reproduction_clusters import cluster_pictures, example_pictures, period_pictures
 from cornerforge.ext.paper.reproduction_figures import (
     Picture,
@@ -75,16 +74,6 @@ class _Made:
     machine: dict[str, Any]
 
 
-@dataclass(frozen=True)
-class _Section:
-    """One item as the template takes it."""
-
-    item: _Item
-    headline: str
-    pictures: list[tuple[str, str]]
-    table: Table
-
-
 def check_reproduction() -> None:
     """Check, before long work, that the page can be made.
 
@@ -92,10 +81,7 @@ def check_reproduction() -> None:
         MissingExtraError: matplotlib or jinja2 is not installed.
     """
     check_matplotlib()
-    try:
-        import jinja2  # noqa: F401
-    except ImportError:
-        raise MissingExtraError("jinja2", "report") from None
+    environment()
 
 
 def write_reproduction(out: Path) -> Path:
@@ -119,7 +105,8 @@ def write_reproduction(out: Path) -> Path:
     return write_page(_render(found, made, sections), out / "index.html")
 
 
-def _section(item: _Item, folder: Path) -> _Section:
+def _section(item: _Item, folder: Path) -> dict[str, Any]:
+    """Draw an item's pictures, and give what the template takes."""
     drawn = RENDERERS[item.id](item.data) if item.id in RENDERERS else []
     pictures = []
     for picture in drawn:
@@ -127,7 +114,7 @@ def _section(item: _Item, folder: Path) -> _Section:
         write_bytes(folder / f"{picture.name}.png", png)
         write_bytes(folder / f"{picture.name}.svg", svg_of(picture.drawing))
         pictures.append((base64.b64encode(png).decode("ascii"), picture.caption))
-    return _Section(item, _headline(item), pictures, _table(item))
+    return {"item": item, "headline": _headline(item), "pictures": pictures, "table": _table(item)}
 
 
 def _headline(item: PaperItem) -> str:
@@ -161,7 +148,7 @@ def _ends(row: PaperItem | PaperRow) -> str:
     return "" if row.interval is None else " to ".join(map(_value, row.interval))
 
 
-def _render(found: _Items, made: _Made, sections: list[_Section]) -> str:
+def _render(found: _Items, made: _Made, sections: list[dict[str, Any]]) -> str:
     pages = environment()
     from markupsafe import Markup
 
