@@ -165,7 +165,7 @@ def test_a_finished_folder_is_not_computed_again(
     def never(*_: object, **__: object) -> None:
         raise AssertionError("computed again")
 
-    for name in ("learn", "simulate_chunks", "simulate_experiment"):
+    for name in ("learn", "drive_tests", "simulate_experiment"):
         monkeypatch.setattr(bench_module, name, never)
     monkeypatch.setattr(figure3, "simulate_chunks", never)
     before = snapshot(folder / "items") | snapshot(folder / "policies")

@@ -37,7 +37,7 @@ from cornerforge.ext.calibrate.traits import NoiseSpread, fit_noise_spread
 from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
 from cornerforge.results import as_json
-from cornerforge.results.naturalistic import BadRows, FitReport, FittedLaneChanges, FittedPart
+from cornerforge.results.naturalistic import BadRows, FitReport, FittedLaneChanges
 from cornerforge.types import ACCELERATIONS
 
 __all__ = ["DEFAULT_PRIOR_STRENGTH", "fit_model"]
@@ -128,7 +128,31 @@ def fit_model(
     )  # fmt: skip
     tell("Scoring the decisions held out")
     scores = held_out_scores(laws, model, {reading.path.name: reading.decisions for reading in readings})
-    return model, _report(readings, training, strength, counted, scores, notes, changes, parts)
+    total = int(counted.sum())
+    fastest = float(np.percentile(training.speed, 99.0))
+    weighted = float((counted * counted / (counted + strength)).sum() / total) if total else 0.0
+    more = [note for reading in readings for note in reading.notes]
+    return model, FitReport(
+        rows_read=sum(reading.table.rows_read for reading in readings),
+        rows_used=sum(reading.rows_used for reading in readings),
+        bad_rows={reading.path.name: _bad_rows(reading) for reading in readings},
+        decisions_fitted=training.size,
+        decisions_on_grid=total,
+        states=int((counted > 0).sum()),
+        states_total=int(counted.size),
+        data_share_of_states=float((counted / (counted + strength)).mean()),
+        data_share_where_data=weighted,
+        speed_99_percent=fastest,
+        held_out_log_likelihood=scores,
+        notes=(*notes, *more, *_always_true(fastest, total), *notes_on(changes)),
+        parts=parts,
+        lane_changes=changes,
+        sensitivity=(),
+    )
+
+
+def _bad_rows(reading: Reading) -> dict[str, BadRows]:
+    return {reason: BadRows(rows=n, first_line=line) for reason, (n, line) in reading.table.bad.reasons.items()}
 
 
 def _nothing_to_fit(readings: Sequence[Reading], held_out: int) -> DataError:
@@ -137,9 +161,9 @@ def _nothing_to_fit(readings: Sequence[Reading], held_out: int) -> DataError:
     made = f"{held_out} decision(s), all held out" if held_out else "no decision"
     vehicles = sum(reading.vehicles for reading in readings)
     faults = [
-        f"{reading.path.name}: {reason} ({rows} row(s), first at line {line})"
+        f"{reading.path.name}: {reason} ({bad.rows} row(s), first at line {bad.first_line})"
         for reading in readings
-        for reason, (rows, line) in reading.table.bad.reasons.items()
+        for reason, bad in _bad_rows(reading).items()
     ]
     return DataError(
         f"No decision is left to fit on: {used} usable of {read} row(s) make {made}. They are of {vehicles} "
@@ -299,49 +323,6 @@ def _provenance(
         "free": asdict(FreeFlow()),
         "lane_change": asdict(lane_change),
     }
-
-
-def _report(
-    readings: Sequence[Reading],
-    training: Decisions,
-    strength: float,
-    counted: NDArray[np.int64],
-    scores: dict[str, dict[str, float]],
-    notes: list[str],
-    changes: FittedLaneChanges,
-    parts: tuple[FittedPart, ...],
-) -> FitReport:
-    total = int(counted.sum())
-    weighted = float((counted * counted / (counted + strength)).sum() / total) if total else 0.0
-    fastest = float(np.percentile(training.speed, 99.0))
-    return FitReport(
-        rows_read=sum(reading.table.rows_read for reading in readings),
-        rows_used=sum(reading.rows_used for reading in readings),
-        bad_rows={
-            reading.path.name: {
-                reason: BadRows(rows=count, first_line=line)
-                for reason, (count, line) in reading.table.bad.reasons.items()
-            }
-            for reading in readings
-        },
-        decisions_fitted=training.size,
-        decisions_on_grid=total,
-        states=int((counted > 0).sum()),
-        states_total=int(counted.size),
-        data_share_of_states=float((counted / (counted + strength)).mean()),
-        data_share_where_data=weighted,
-        speed_99_percent=fastest,
-        held_out_log_likelihood=scores,
-        notes=(
-            *notes,
-            *(note for reading in readings for note in reading.notes),
-            *_always_true(fastest, total),
-            *notes_on(changes),
-        ),
-        parts=parts,
-        lane_changes=changes,
-        sensitivity=(),
-    )
 
 
 def _always_true(fastest: float, on_grid: int) -> tuple[str, ...]:

@@ -21,7 +21,6 @@ from cornerforge.ext.calibrate.free_running import (
     DRIFT_WINDOWS,
     WHOLE,
     FreeRunning,
-    FreeTraffic,
     quantities_of,
     simulate_free_running,
     speeds_of,
@@ -110,7 +109,9 @@ def ndd_validate(options: NddValidate) -> NddValidated:
     folder = None if options.out is None else Path(options.out)
     if folder is not None:
         files = ",".join(sorted(reading.sha256[:16] for reading in readings))
-        _open(folder, run.identity(options.seed) | {"command": "ndd validate", "miles": options.miles, "files": files})
+        check_matplotlib()
+        about = {"command": "ndd validate", "miles": options.miles, "files": files}
+        open_output(folder, run.identity(options.seed) | about, resume=True)
     options.progress("validate: scoring", 0, 1)
     scores = validate_readings(run.model, readings)
     conditional = compare_decisions(run.model, readings)
@@ -123,7 +124,14 @@ def ndd_validate(options: NddValidate) -> NddValidated:
     def plain(parts: Mapping[str, PartLikelihood | PartDistance]) -> dict[str, Any]:
         return {name: asdict(part) for name, part in parts.items()}
 
-    facts = _facts(traffic, whole, parts) + compare_transitions(run, reading_names(readings), readings)
+    facts = [
+        *(row for part in parts for row in compare_with_facts(part)),
+        *compare_crashes(traffic),
+        *compare_with_facts(whole, CUT_IN_FACTS),
+        *compare_persistence(traffic.pairs),
+        *compare_transitions(run, reading_names(readings), readings),
+    ]
+    changes = int(whole.total().totals[statistics.LANE_CHANGES]) / whole.miles
     content = {
         "model": str(options.model),
         "model_hash": model_hash(run.model),
@@ -131,12 +139,7 @@ def ndd_validate(options: NddValidate) -> NddValidated:
         "idm": {name: asdict(idm) for name, idm in scores.idms.items()},
         "distances": {
             "acceleration": {file: plain(parts) for file, parts in scores.accelerations.items()},
-            **compare_traffic(
-                run.model,
-                readings,
-                quantities_of(whole),
-                int(whole.total().totals[statistics.LANE_CHANGES]) / whole.miles,
-            ),
+            **compare_traffic(run.model, readings, quantities_of(whole), changes),
         },
         "one_step_ahead": conditional,
         "facts": [as_json(fact) for fact in facts],
@@ -151,31 +154,11 @@ def ndd_validate(options: NddValidate) -> NddValidated:
     found = from_json(NddValidated, content)
     if folder is not None:
         write_json(folder / VALIDATION, content)
-        _write_page(folder, found)
+        figures = figures_of(found)
+        for name, png in figures.items():
+            write_bytes(folder / f"{name}.png", png)
+        write_text(folder / _PAGE, page_of(found, figures))
     return found
-
-
-def _facts(traffic: FreeTraffic, whole: FreeRunning, parts: list[FreeRunning]) -> list[FactFound]:
-    """Compare the traffic with all that is known, theme by theme."""
-    return [
-        *(row for part in parts for row in compare_with_facts(part)),
-        *compare_crashes(traffic),
-        *compare_with_facts(whole, CUT_IN_FACTS),
-        *compare_persistence(traffic.pairs),
-    ]
-
-
-def _open(folder: Path, identity: dict[str, Any]) -> None:
-    """Claim the folder before the work, and check that the figures can be drawn."""
-    check_matplotlib()
-    open_output(folder, identity, resume=True)
-
-
-def _write_page(folder: Path, result: NddValidated) -> None:
-    figures = figures_of(result)
-    for name, png in figures.items():
-        write_bytes(folder / f"{name}.png", png)
-    write_text(folder / _PAGE, page_of(result, figures))
 
 
 def _traffic(part: FreeRunning) -> dict[str, Any]:

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_in
 from cornerforge._options import made_of
-from cornerforge.ext.gym.batch import OUTCOMES, Batch
+from cornerforge.ext.gym.batch import OUTCOMES, Batch, adversary_batch, driving_batch
 from cornerforge.ext.gym.batch import check_seed as _check_seed
 from cornerforge.ext.gym.batch import read_options as _read_options
 from cornerforge.ext.gym.options import Adversary, Driving
-from cornerforge.ext.gym.runs import adversary_batch, driving_batch
 from cornerforge.ext.gym.spaces import (
     ResetNeededError,
     adversary_observations,
@@ -121,11 +120,8 @@ class AdversaryEnv(_SingleEnv):
     Observation: float32 (41,), `sim.observe.observe`. Action: one of 33, see `info["action_mask"]`.
 
     Args:
-        reward: One of `adversary.worlds.rewards.REWARDS`.
-        delay: For `avoidable`: the AV's time to react [s], 0 to 10.
-        render_mode: None or "rgb_array".
-        world: `av` (a built-in one), `odd`, `lanes`, `model` and `bounded`, as in `WorldOptions`; with `bounded` the
-            mask forbids what the naturalistic model calls impossible (paper, equation 12).
+        options: Those of `options.Adversary`, by name; with `bounded` the mask forbids what the naturalistic model
+            calls impossible (paper, equation 12).
 
     Raises:
         CornerForgeError: A name, number or file is not right.
@@ -157,12 +153,7 @@ class DrivingEnv(_SingleEnv):
     minus 1 for a crash.
 
     Args:
-        bv: The others: "nde", "idm", one of `world_options.PLAIN_ADVERSARIES`, or a policy file.
-        actions: "discrete", one of 33, or "box", two numbers (`spaces.av_commands`).
-        act_every: Tenths of a second between two decisions: 1, 2, 5 or 10; None for the ODD's own.
-        render_mode: None or "rgb_array".
-        world: `odd`, `lanes`, `model` and `bounded`, as in `WorldOptions`; `bounded` is for plain adversaries, a policy
-            file says it itself.
+        options: Those of `options.Driving`, by name; `bounded` is for plain adversaries, a policy file says it itself.
 
     Raises:
         CornerForgeError: A name, number or file is not right.

@@ -15,9 +15,8 @@ from cornerforge._checks import check_in
 from cornerforge._options import made_of
 from cornerforge._words import shown
 from cornerforge.errors import InputError
-from cornerforge.ext.gym.batch import OUTCOMES, Batch, check_seed, read_options
+from cornerforge.ext.gym.batch import OUTCOMES, Batch, adversary_batch, check_seed, driving_batch, read_options
 from cornerforge.ext.gym.options import AdversaryVector, DrivingVector
-from cornerforge.ext.gym.runs import adversary_batch, driving_batch
 from cornerforge.ext.gym.spaces import (
     ResetNeededError,
     adversary_observations,
@@ -197,10 +196,7 @@ class AdversaryVectorEnv(_BatchVectorEnv):
     """Many `AdversaryEnv` in one.
 
     Args:
-        num_envs: Number of worlds.
-        threads: Threads that share them; None for all cores where there are enough worlds. Changes no result.
-        autoreset_mode: When worlds with an ended test begin again: "NextStep", "SameStep" or "Disabled".
-        reward, delay, render_mode, world: As for `AdversaryEnv`.
+        options: Those of `options.AdversaryVector`, by name.
 
     Raises:
         CornerForgeError: A name, number or file is not right.
@@ -226,8 +222,7 @@ class DrivingVectorEnv(_BatchVectorEnv):
     """Many `DrivingEnv` in one.
 
     Args:
-        num_envs, threads, autoreset_mode: As for `AdversaryVectorEnv`.
-        bv, actions, act_every, render_mode, world: As for `DrivingEnv`.
+        options: Those of `options.DrivingVector`, by name.
 
     Raises:
         CornerForgeError: A name, number or file is not right.
