@@ -34,7 +34,7 @@ from cornerforge.ndd.grids import GAP_GRID, SPEED_GRID
 from cornerforge.ndd.model import NddModel
 from cornerforge.types import ACCELERATIONS
 
-__all__ = ["compare_decisions", "compare_traffic"]
+__all__ = ["compare_decisions", "compare_traffic", "shares_of"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -175,12 +175,13 @@ def _distance(
         "speeds_not_simulated": matched.left_out,
         "low": simulated.low,
         "width": simulated.width,
-        "recorded": _shares(matched.observed, size),
-        "simulated": _shares(matched.expected, size),
+        "recorded": shares_of(matched.observed, size),
+        "simulated": shares_of(matched.expected, size),
     }
 
 
-def _shares(rows: Floats, size: float) -> list[float]:
+def shares_of(rows: Floats | Ints, size: float) -> list[float]:
+    """Give the shares of bins in all rows, (V, k), with 4 digits."""
     return [float(f"{share:.4g}") for share in rows.sum(axis=0) / size]
 
 
@@ -313,8 +314,8 @@ def _cell(
         "recorded_mean_sd": _mean_sd(observed),
         "predicted_mean_sd": _mean_sd(predicted),
         **asdict(distance(observed, predicted, 0.2, "m/s2")),
-        "recorded": _shares(observed, part.size),
-        "predicted": _shares(predicted, part.size),
+        "recorded": shares_of(observed, part.size),
+        "predicted": shares_of(predicted, part.size),
     }
 
 

@@ -19,6 +19,7 @@ from cornerforge._checks import check_in
 from cornerforge.ext.calibrate.lane_change import LaneChange
 from cornerforge.ext.calibrate.lane_risk import BEGINS_BEFORE, SecondsAtRisk, joined_seconds, seconds_at_risk
 from cornerforge.ext.calibrate.readers import Reading
+from cornerforge.ext.calibrate.scores import gap_seen
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID
 from cornerforge.results.naturalistic import FittedLaneChanges, FittedLaneNumber
 
@@ -229,10 +230,6 @@ class _Neighbour:
 
 
 def _gap_row(gap: Floats, rate: Floats) -> tuple[Ints, NDArray[np.bool_]]:
-    """Return the row of the grid of gaps, and whether the gap is beyond it (`drivers.naturalistic.table_row`).
-
-    What closes faster than the grid counts as nearer.
-    """
-    scale = RANGE_RATE_GRID.low / np.minimum(rate, RANGE_RATE_GRID.low)
-    seen = np.where(gap > 4.0, 4.0 + (gap - 4.0) * scale**2, gap)
+    """Return the row of the grid of gaps, and whether the gap is beyond it (`drivers.naturalistic.table_row`)."""
+    seen = gap_seen(gap, rate)
     return GAP_GRID.place(np.minimum(seen, GAP_GRID.upper)), seen > GAP_GRID.upper

@@ -316,8 +316,12 @@ def _pairs(table: Table, layout: Layout) -> Decisions:
 
 def _tracks(table: Table, layout: Layout, notes: list[str]) -> Decisions:
     """Decisions from tracks: smooth, find the leader, take the gap between bumpers; adds to `notes`."""
-    along = _along_road(table, layout, drivers(table))
-    notes += speed_note(table.name, layout.numbers["position"][0], _raw_speeds(table, along))
+    driver = drivers(table)
+    along, _ = position_along(table, layout)
+    along = np.where(direction_of_travel(table, driver, along), along, -along)
+    same = np.diff(driver) == 0
+    unsmoothed = np.diff(along)[same] / np.diff(table.numbers["time"])[same]
+    notes += speed_note(table.name, layout.numbers["position"][0], unsmoothed)
     jump = jumps(table, along)
     table.drop(f"{layout.numbers['position'][0]} jumps (faster than {SPEED_RANGE[1]:g} m/s)", jump)
     along, driver = along[~jump], drivers(table)
@@ -354,18 +358,6 @@ def jumps(table: Table, along: NDArray[np.float64]) -> NDArray[np.bool_]:
     same = np.diff(driver) == 0
     jump[1:] = same & (np.abs(np.diff(along)) > SPEED_RANGE[1] * np.diff(table.numbers["time"]))
     return jump
-
-
-def _raw_speeds(table: Table, along: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Speed from each row to the next of the same vehicle, unsmoothed [m/s], shape (m,)."""
-    same = np.diff(drivers(table)) == 0
-    return np.asarray(np.diff(along)[same] / np.diff(table.numbers["time"])[same])
-
-
-def _along_road(table: Table, layout: Layout, driver: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the position in the direction of travel [m], shape (n,): the longer axis, reversed in opposite lanes."""
-    position, _ = position_along(table, layout)
-    return np.where(direction_of_travel(table, driver, position), position, -position)
 
 
 def position_along(table: Table, layout: Layout) -> tuple[NDArray[np.float64], bool]:

@@ -22,6 +22,7 @@ from cornerforge.types import ACCELERATIONS
 __all__ = [
     "Predictor",
     "fitted_idms",
+    "gap_seen",
     "grid_place",
     "held_out_scores",
     "law_predictor",
@@ -47,19 +48,24 @@ _FLOOR = 1e-6
 _FASTEST_CLOSING = -RANGE_RATE_GRID.low
 
 
+def gap_seen(gap: Floats, range_rate: Floats) -> Floats:
+    """Give the gap [m] at which a state is looked up, as the simulator does; arrays of one shape.
+
+    Closing faster than 10 m/s counts as the gap that needs the same deceleration when 4 m are left: 4 + (gap - 4)
+    (10 / closing)^2.
+    """
+    closing = np.maximum(-range_rate, _FASTEST_CLOSING)
+    return np.where(gap > 4.0, 4.0 + (gap - 4.0) * (_FASTEST_CLOSING / closing) ** 2, gap)
+
+
 def grid_place(decisions: Decisions) -> tuple[Ints, Ints, Ints, Bools, Bools]:
     """Nearest place on the model's grid of each decision.
-
-    Closing faster than 10 m/s is looked up, as the simulator does, at the gap that needs the same deceleration when 4 m
-    are left: 4 + (gap - 4) (10 / closing)^2.
 
     Returns:
         Index of speed, gap and range rate (clipped to the grid), whether the speed lies on the grid (19.5 to 40.5 m/s),
         and whether it is free flow (no leader, or beyond 115.5 m); each of shape (n,).
     """
-    closing = np.maximum(-decisions.range_rate, _FASTEST_CLOSING)
-    gap = decisions.gap
-    gap = np.where(gap > 4.0, 4.0 + (gap - 4.0) * (_FASTEST_CLOSING / closing) ** 2, gap)
+    gap = gap_seen(decisions.gap, decisions.range_rate)
     is_free = gap > GAP_GRID.upper
     speed, gap_index = SPEED_GRID.place(decisions.speed), GAP_GRID.place(np.where(is_free, 0.0, gap))
     on_grid = (decisions.speed >= SPEED_GRID.lower) & (decisions.speed < SPEED_GRID.upper)

@@ -8,9 +8,6 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from cornerforge._files import write_bytes
 from cornerforge._options import verb
 from cornerforge.experiment.counting import distributions_of
@@ -163,9 +160,16 @@ def ndd_validate(options: NddValidate) -> NddValidated:
 
 def _traffic(part: FreeRunning) -> dict[str, Any]:
     """Describe one window: how much was counted, its distributions, and shares of bins for pictures."""
+    from cornerforge.ext.calibrate.compare import shares_of
+
     quantities = quantities_of(part)
     curves = {
-        name: {"low": q.low, "width": q.width, "unit": q.unit, "shares": _shares(q.counts.sum(axis=0))}
+        name: {
+            "low": q.low,
+            "width": q.width,
+            "unit": q.unit,
+            "shares": shares_of(q.counts, max(int(q.counts.sum()), 1)),
+        }
         for name, q in [*((name, quantities[name]) for name in _CURVES), ("speed", speeds_of(quantities))]
     }
     return {
@@ -176,10 +180,6 @@ def _traffic(part: FreeRunning) -> dict[str, Any]:
         "distributions": as_json(distributions_of(part.total())),
         "curves": curves,
     }
-
-
-def _shares(counts: NDArray[np.int64]) -> list[float]:
-    return [float(f"{n / max(int(counts.sum()), 1):.4g}") for n in counts]
 
 
 def _traffic_notes(whole: FreeRunning, parts: list[FreeRunning]) -> list[str]:

@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_in
 from cornerforge._options import made_of
-from cornerforge.ext.gym.batch import OUTCOMES, Batch, adversary_batch, driving_batch
-from cornerforge.ext.gym.batch import check_seed as _check_seed
-from cornerforge.ext.gym.batch import read_options as _read_options
+from cornerforge.ext.gym.batch import OUTCOMES, Batch, adversary_batch, check_seed, driving_batch, read_options
 from cornerforge.ext.gym.options import Adversary, Driving
 from cornerforge.ext.gym.spaces import (
     ResetNeededError,
@@ -74,9 +72,9 @@ class _SingleEnv(gymnasium.Env[Any, Any]):
         """
         batch = self._batch
         batch.check_open()
-        wanted = _read_options(options, ("test",))
+        wanted = read_options(options, ("test",))
         if seed is not None:
-            seed = _check_seed(seed)
+            seed = check_seed(seed)
         super().reset(seed=seed)
         batch.name(0, seed, wanted.get("test"), lambda: int(self.np_random.integers(2**31)))
         batch.begin(_ONE)
