@@ -34,7 +34,7 @@ from cornerforge.errors import InputError
 from cornerforge.experiment.policy_file import Policy, save_policy
 from cornerforge.ext.calibrate.layouts import DATA_FORMATS
 from cornerforge.ext.paper.bench import REPRODUCE_EFFORTS
-from cornerforge.ext.paper.registry import ITEMS
+from cornerforge.ext.paper.reproduce import ITEMS
 from cornerforge.report import judged
 from cornerforge.types import ODDS
 from cornerforge.verbs.options import COMMANDS

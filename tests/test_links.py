@@ -18,7 +18,8 @@ from output_places import FOLDER, OUTPUTS, stand_ins
 
 from cornerforge._locks import lock_of
 from cornerforge.cli import main
-from cornerforge.ext.explorer import Exhibit, serve
+from cornerforge.ext.explorer import serve
+from cornerforge.ext.explorer.exhibit import Exhibit
 from cornerforge.ext.explorer.server import Door
 from cornerforge.foreign.av_log import AvLog
 from cornerforge.verbs.make_report import make_report
@@ -99,7 +100,7 @@ def test_no_command_writes_through_a_link(
     """Run the command once to learn the names that it makes, then with links at these names."""
     kind, ending = OUTPUTS[given]
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("cornerforge.ext.explorer.serve_exhibit", _serve_for_a_moment)  # where the page is built
+    monkeypatch.setattr("cornerforge.ext.explorer.server.serve_exhibit", _serve_for_a_moment)  # where the page is built
     args = [words.get(word, word) for word in given.split()]
     small = {"rate": ["--max-tests", "200"], "train": ["--decisions", "64"], "train-av": ["--tests", "50"]}
     args[1:1] = small.get(args[0], [])

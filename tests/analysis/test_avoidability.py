@@ -20,7 +20,7 @@ from cornerforge.analysis.avoidability import (
     avoidability_table,
 )
 from cornerforge.errors import InputError
-from cornerforge.ext.pictures.avoidance_figure import avoidance_figure
+from cornerforge.ext.pictures.picture import avoidance_figure
 from cornerforge.library import CaseLibrary, case_record
 from cornerforge.report.drawing import png_of
 from cornerforge.types import Crash, Odd, Scenario

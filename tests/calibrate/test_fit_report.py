@@ -3,38 +3,39 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from cornerforge.ext.calibrate.parts import FITTED, PRIOR, ModelPart
-from cornerforge.ext.calibrate.report import FitReport
-from cornerforge.ext.calibrate.sensitivity import fit_sensitivity
+from cornerforge.ext.calibrate.lane_fit import not_fitted
+from cornerforge.ext.calibrate.parts import FITTED, PRIOR
+from cornerforge.ext.calibrate.sensitivity import fit_sensitivity, traffic_crashes
 from cornerforge.ext.calibrate.shown import counted_states
-from cornerforge.ext.calibrate.traffic_crashes import traffic_crashes
-from cornerforge.ndd import write_fit_report
+from cornerforge.ndd import FitReport, write_fit_report
 from cornerforge.ndd.model import NddModel
+from cornerforge.results.naturalistic import FittedPart, FitTraffic, FitVariant
 
-PARTS = (ModelPart("car-following law", FITTED, "1,234 decisions <all>"), ModelPart("memory", PRIOR, "Smoothing."))
+PARTS = (
+    FittedPart(name="car-following law", source=FITTED, why="1,234 decisions <all>"),
+    FittedPart(name="memory", source=PRIOR, why="Smoothing."),
+)
 HEADER = "track,leader_track,t_s,y_m,spacing_m"
 
 
-def report_of(model: NddModel, sensitivity: tuple[Mapping[str, Any], ...] = ()) -> FitReport:
+def report_of(model: NddModel, sensitivity: tuple[FitVariant, ...] = ()) -> FitReport:
     stated = counted_states(model)
     counted = np.zeros((21, 116, 19), dtype=np.int64) if stated is None else stated
     return FitReport(
         rows_read=100, rows_used=99, bad_rows={}, decisions_fitted=1234, decisions_on_grid=int(counted.sum()),
         states=int((counted > 0).sum()), states_total=counted.size, data_share_of_states=8e-5,
         data_share_where_data=0.01, speed_99_percent=22.5, held_out_log_likelihood={}, notes=("A note.",),
-        parts=PARTS, sensitivity=sensitivity,
+        parts=PARTS, sensitivity=sensitivity, lane_changes=not_fitted("no file was looked at"),
     )  # fmt: skip
 
 
-def page_of(model: NddModel, path: Path, sensitivity: tuple[Mapping[str, Any], ...] = ()) -> str:
+def page_of(model: NddModel, path: Path, sensitivity: tuple[FitVariant, ...] = ()) -> str:
     write_fit_report(report_of(model, sensitivity), model, path)
     return path.read_text(encoding="utf-8")
 
@@ -92,36 +93,36 @@ def tracks_file(path: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> tuple[Mapping[str, Any], ...]:
+def study(tmp_path_factory: pytest.TempPathFactory) -> tuple[FitVariant, ...]:
     path = tracks_file(tmp_path_factory.mktemp("t") / "t.csv")
     return fit_sensitivity([path], "tracks", strengths=[50.0, 200.0], window_factors=[0.6])
 
 
 @pytest.mark.full
-def test_a_study_fits_each_choice_once_and_scores_the_same_decisions(study: tuple[Mapping[str, Any], ...]) -> None:
-    assert [row["variant"] for row in study] == ["as fitted", "prior strength 50", "smoothing windows x 0.6"]
+def test_a_study_fits_each_choice_once_and_scores_the_same_decisions(study: tuple[FitVariant, ...]) -> None:
+    assert [row.variant for row in study] == ["as fitted", "prior strength 50", "smoothing windows x 0.6"]
     for row in study:
-        assert set(row["held_out"]) == {"t.csv"}
-        assert all(value < 0.0 for value in row["held_out"]["t.csv"].values())
-        assert all(sd > 0.0 for _, sd in row["probes"])
-    fitted, weaker = (study[k]["held_out"]["t.csv"] for k in (0, 1))
-    assert weaker["law"] == fitted["law"]  # the prior's strength does not move the law, only the table
-    assert weaker["table"] != fitted["table"]
+        assert set(row.held_out) == {"t.csv"}
+        assert all(value < 0.0 for value in vars(row.held_out["t.csv"]).values())
+        assert all(sd > 0.0 for _, sd in row.probes)
+    fitted, weaker = (study[k].held_out["t.csv"] for k in (0, 1))
+    assert weaker.law == fitted.law  # the prior's strength does not move the law, only the table
+    assert weaker.table != fitted.table
 
 
 @pytest.mark.full
-def test_a_shorter_window_leaves_more_noise_in_the_spread(study: tuple[Mapping[str, Any], ...]) -> None:
-    sd = {row["variant"]: row["probes"][0][1] for row in study}
+def test_a_shorter_window_leaves_more_noise_in_the_spread(study: tuple[FitVariant, ...]) -> None:
+    sd = {row.variant: row.probes[0][1] for row in study}
     assert sd["smoothing windows x 0.6"] > sd["as fitted"]
 
 
 @pytest.mark.full
-def test_the_page_shows_the_study(model: NddModel, study: tuple[Mapping[str, Any], ...], tmp_path: Path) -> None:
+def test_the_page_shows_the_study(model: NddModel, study: tuple[FitVariant, ...], tmp_path: Path) -> None:
     page = page_of(model, tmp_path / "s.html", study)
     assert "Not studied" not in page
     for row in study:
-        assert row["variant"] in page
-    assert f"{study[0]['held_out']['t.csv']['law']:.3f}" in page
+        assert row.variant in page
+    assert f"{study[0].held_out['t.csv'].law:.3f}" in page
 
 
 def test_held_out_scores_are_told_by_law_and_speed(model: NddModel, tmp_path: Path) -> None:
@@ -143,22 +144,23 @@ def test_held_out_scores_are_told_by_law_and_speed(model: NddModel, tmp_path: Pa
 def test_a_driven_study_says_how_far_the_crash_rate_moves(model: NddModel, tmp_path: Path) -> None:
     driven: list[NddModel] = []
 
-    def drive(name: str, variant: NddModel) -> Mapping[str, object]:
+    def drive(name: str, variant: NddModel) -> FitTraffic:
         driven.append(variant)
         return traffic_crashes(name, variant, tests=512)
 
     path = tracks_file(tmp_path / "t.csv")
     study = fit_sensitivity([path], "tracks", strengths=[50.0], window_factors=[], drive=drive)
-    assert [row["variant"] for row in study] == [
+    assert [row.variant for row in study] == [
         "as fitted", "prior strength 50", "overlooking x 0", "overlooking x 10",
     ]  # fmt: skip
     assert [v.overlook / driven[0].overlook for v in driven] == pytest.approx([1.0, 1.0, 0.0, 10.0])
     assert [v.overlook_conflict / driven[0].overlook_conflict for v in driven] == pytest.approx([1.0, 1.0, 0.0, 10.0])
-    traffic: Any = study[0]["traffic"]
-    assert traffic["tests"] == 512
-    assert traffic["bv_miles"] == pytest.approx(512 * 5.0, rel=0.2)  # 20 BVs for 400 m; the AV drives about as they do
-    assert traffic["av_interval95"][0] <= traffic["av_crashes_per_test"] <= traffic["av_interval95"][1]
-    assert traffic["bv_interval95"][0] <= traffic["bv_crashes_per_mile"] <= traffic["bv_interval95"][1]
+    traffic = study[0].traffic
+    assert traffic is not None
+    assert traffic.tests == 512
+    assert traffic.bv_miles == pytest.approx(512 * 5.0, rel=0.2)  # 20 BVs for 400 m; the AV drives about as they do
+    assert traffic.av_interval95[0] <= traffic.av_crashes_per_test <= traffic.av_interval95[1]
+    assert traffic.bv_interval95[0] <= traffic.bv_crashes_per_mile <= traffic.bv_interval95[1]
     page = page_of(model, tmp_path / "d.html", study)
     assert "How far the crash rate moves" in page
     assert page.count("in 512 tests") == 4

@@ -12,8 +12,14 @@ from scipy.stats import poisson
 from cornerforge.errors import InputError
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.setting import experiment
-from cornerforge.ext.calibrate.cut_ins import CUT_IN_FACTS, QUANTILES
-from cornerforge.ext.calibrate.facts import CRASH_LIMIT, FACTS, compare_crashes, compare_with_facts
+from cornerforge.ext.calibrate.facts import (
+    CRASH_LIMIT,
+    CUT_IN_FACTS,
+    FACTS,
+    QUANTILES,
+    compare_crashes,
+    compare_with_facts,
+)
 from cornerforge.ext.calibrate.free_running import (
     COUNTED,
     DRIFT_WINDOWS,
@@ -24,15 +30,16 @@ from cornerforge.ext.calibrate.free_running import (
     FreeTraffic,
     free_running_odd,
     joined,
-    lower_rate,
     miles_of,
     quantities_of,
     simulate_free_running,
     upper_rate,
 )
 from cornerforge.ext.calibrate.persistence import compare_persistence
+from cornerforge.intervals import poisson_interval
 from cornerforge.ndd import default_model_path, load_model, save_model
 from cornerforge.ndd.memory import Memory
+from cornerforge.results.validation import FactFound
 from cornerforge.sim import statistics
 from cornerforge.sim.statistics import allocate_counts
 
@@ -62,9 +69,6 @@ def test_an_upper_bound_is_the_exact_one() -> None:
         assert poisson.cdf(events, bound) == pytest.approx(0.05)
     assert upper_rate(0, 1e6) == pytest.approx(2.996e-6, rel=1e-3)
     assert upper_rate(3, 2e6) == pytest.approx(upper_rate(3, 1.0) / 2e6)
-    assert lower_rate(0, 1.0) == 0.0
-    for events in (1, 7, 40):
-        assert poisson.sf(events - 1, lower_rate(events, 1.0, 0.975)) == pytest.approx(0.025)
 
 
 def test_the_counted_stretch_is_out_of_reach_of_both_ends() -> None:
@@ -117,13 +121,13 @@ def test_threads_do_not_matter(run: Experiment) -> None:
 
 
 def test_quantities_are_those_of_all_windows(parts: list[FreeRunning]) -> None:
-    both, first = quantities_of(parts), quantities_of(parts[:1])
+    both, first = quantities_of(joined(parts)), quantities_of(parts[0])
     assert set(both) == {grid.name for grid in statistics.JOINT}
-    for name, (grid, counts) in both.items():
-        assert counts.shape == (41, grid.bins)
-        assert counts.sum() > first[name][1].sum() > 0
-    following = both["gap"][1].sum()
-    assert both["acceleration_following"][1].sum() == both["inverse_ttc"][1].sum() == following
+    for name, quantity in both.items():
+        assert quantity.counts.shape[0] == 41
+        assert quantity.counts.sum() > first[name].counts.sum() > 0
+    following = both["gap"].counts.sum()
+    assert both["acceleration_following"].counts.sum() == both["inverse_ttc"].counts.sum() == following
 
 
 @pytest.mark.parametrize(("name", "value"), [("miles", 99.0), ("miles", float("nan")), ("seed", -1), ("threads", 0)])
@@ -140,15 +144,15 @@ def test_the_facts_of_the_shipped_model_have_intervals_around_them(parts: list[F
     rows = compare_with_facts(parts[0])
     assert len(rows) == len(FACTS)
     for row in rows:
-        assert row["when"] == "0-2 s"
-        assert row["n"] > 0
-        assert row["found"] is not None
-        low, high = row["interval95"]
-        assert low <= row["found"] <= high
-        assert (row["allowed"] is None) == (row["within"] is None)
-    by_name = {row["fact"]: row for row in rows}
-    assert by_name["time gap, 50 %"]["found"] == pytest.approx(1.15, abs=0.12)
-    assert by_name["speed, mean"]["within"] is True
+        assert row.when == "0-2 s"
+        assert row.n > 0
+        assert row.found is not None
+        low, high = row.interval95
+        assert low <= row.found <= high
+        assert (row.allowed is None) == (row.within is None)
+    by_name = {row.fact: row for row in rows}
+    assert by_name["time gap, 50 %"].found == pytest.approx(1.15, abs=0.12)
+    assert by_name["speed, mean"].within is True
 
 
 def counted(**totals: int) -> FreeRunning:
@@ -167,55 +171,55 @@ def counted(**totals: int) -> FreeRunning:
     return FreeRunning(DRIFT_WINDOWS[0], 100, (block,) * 20)
 
 
-def rows_of(part: FreeRunning) -> dict[str, dict[str, Any]]:
-    return {row["fact"]: row for row in compare_with_facts(part)}
+def rows_of(part: FreeRunning) -> dict[str, FactFound]:
+    return {row.fact: row for row in compare_with_facts(part)}
 
 
-def crashes_of(part: FreeRunning) -> dict[str, dict[str, Any]]:
+def crashes_of(part: FreeRunning) -> dict[str, FactFound]:
     """By time, of a drive whose periods are all like this part."""
     parts = tuple(FreeRunning(window, part.tests, part.blocks) for window in PERIODS)
-    return {row["when"]: row for row in compare_crashes(FreeTraffic(parts, ()))}
+    return {row.when: row for row in compare_crashes(FreeTraffic(parts, ()))}
 
 
 def test_facts_by_hand() -> None:
     rows = rows_of(counted())
-    assert rows["time gap, 50 %"]["found"] == pytest.approx(1.1425)
-    assert rows["time gap, 50 %"]["interval95"] == pytest.approx([1.1425, 1.1425])  # all blocks are equal
-    assert rows["speed, mean"]["found"] == pytest.approx(30.01)
-    assert rows["speed, sd"]["within"] is False  # no spread at all
-    assert rows["share of vehicles that follow"]["found"] == 0.7
-    assert rows["lane changes"]["found"] == pytest.approx(6 / 30_000 * 1609.344)
-    assert rows["lane changes"]["within"] is True
-    assert rows["acceleration, sd"]["found"] is None  # nobody's acceleration was counted
-    assert rows["acceleration, sd"]["within"] is False
-    assert rows["free-flow acceleration at 30 m/s, share at or below -1"]["found"] == pytest.approx(0.1)
-    assert rows["free-flow acceleration at 30 m/s, mean"]["found"] == pytest.approx(-0.1)
-    assert rows["free-flow acceleration at 20 m/s, sd"]["found"] is None
-    assert rows["free-flow acceleration at 20 m/s, sd"]["within"] is None
+    assert rows["time gap, 50 %"].found == pytest.approx(1.1425)
+    assert rows["time gap, 50 %"].interval95 == pytest.approx((1.1425, 1.1425))  # all blocks are equal
+    assert rows["speed, mean"].found == pytest.approx(30.01)
+    assert rows["speed, sd"].within is False  # no spread at all
+    assert rows["share of vehicles that follow"].found == 0.7
+    assert rows["lane changes"].found == pytest.approx(6 / 30_000 * 1609.344)
+    assert rows["lane changes"].within is True
+    assert rows["acceleration, sd"].found is None  # nobody's acceleration was counted
+    assert rows["acceleration, sd"].within is False
+    assert rows["free-flow acceleration at 30 m/s, share at or below -1"].found == pytest.approx(0.1)
+    assert rows["free-flow acceleration at 30 m/s, mean"].found == pytest.approx(-0.1)
+    assert rows["free-flow acceleration at 20 m/s, sd"].found is None
+    assert rows["free-flow acceleration at 20 m/s, sd"].within is None
 
 
 def test_crashes_of_the_whole_drive_are_judged_by_their_upper_bound() -> None:
     """Four periods, each of 20 blocks with 2 crashed vehicles."""
     miles = 4 * 20 * 30_000 / 1609.344
     crash = crashes_of(counted(CRASHED_BVS=2))["0-62 s"]
-    assert crash["crashes"] == crash["n"] == 80
-    assert crash["found"] == pytest.approx(80 / miles)
-    assert crash["interval95"] == [0.0, pytest.approx(upper_rate(80, miles))]
-    assert crash["within"] is False
+    assert crash.crashes == crash.n == 80
+    assert crash.found == pytest.approx(80 / miles)
+    assert crash.interval95 == (0.0, pytest.approx(upper_rate(80, miles)))
+    assert crash.within is False
     long_enough = counted(BV_TRAVEL_MM=int(1.0e6 * 1609.344 * 1000 / 80) + 1)
-    assert crashes_of(long_enough)["0-62 s"]["within"] is True
+    assert crashes_of(long_enough)["0-62 s"].within is True
     short = counted(BV_TRAVEL_MM=int(0.99e6 * 1609.344 * 1000 / 80))  # no crash, but too few miles to show it
-    assert crashes_of(short)["0-62 s"]["within"] is False
+    assert crashes_of(short)["0-62 s"].within is False
     assert upper_rate(0, 0.99e6) > CRASH_LIMIT > upper_rate(0, 1.0e6)
 
 
 def test_crashes_of_a_period_fail_only_where_the_limit_is_exceeded_for_sure() -> None:
     few, many = counted(CRASHED_BVS=2), counted(CRASHED_BVS=2, BV_TRAVEL_MM=int(1e6 * 1609.344 * 1000))
-    assert [crashes_of(few)[window.name]["within"] for window in PERIODS] == [False] * 4
-    assert [crashes_of(many)[window.name]["within"] for window in PERIODS] == [True] * 4  # 20 in 2e7 miles
+    assert [crashes_of(few)[window.name].within for window in PERIODS] == [False] * 4
+    assert [crashes_of(many)[window.name].within for window in PERIODS] == [True] * 4  # 20 in 2e7 miles
     row = crashes_of(many)["2-10 s"]
-    assert row["interval95"] == pytest.approx([lower_rate(20, 2e7, 0.975), upper_rate(20, 2e7, 0.975)])
-    assert crashes_of(counted())["2-10 s"]["within"] is True
+    assert row.interval95 == pytest.approx(tuple(end / 2e7 for end in poisson_interval(20)))
+    assert crashes_of(counted())["2-10 s"].within is True
 
 
 def test_an_odd_crashed_vehicle_is_a_crash() -> None:
@@ -224,7 +228,7 @@ def test_an_odd_crashed_vehicle_is_a_crash() -> None:
     last = allocate_counts()
     last.add(blocks[0])
     last.totals[statistics.CRASHED_BVS] = 1
-    assert crashes_of(FreeRunning(WHOLE, 100, (*blocks[:-1], last)))["0-2 s"]["crashes"] == 1
+    assert crashes_of(FreeRunning(WHOLE, 100, (*blocks[:-1], last)))["0-2 s"].crashes == 1
 
 
 def cut_ins(rng: np.random.Generator) -> tuple[FreeRunning, dict[str, np.ndarray]]:
@@ -248,28 +252,28 @@ def cut_ins(rng: np.random.Generator) -> tuple[FreeRunning, dict[str, np.ndarray
 def test_cut_ins_are_compared_as_numpy_would(seed: int) -> None:
     """Quantiles to half a bin, shares exactly but for values on an edge; only the rate takes in other speeds."""
     part, values = cut_ins(np.random.default_rng(seed))
-    rows = {row["fact"]: row for row in compare_with_facts(part, CUT_IN_FACTS)}
+    rows = {row.fact: row for row in compare_with_facts(part, CUT_IN_FACTS)}
     words = {"gap": "gap", "time_gap": "follower's time gap", "ttc": "TTC", "closing_speed": "closing speed"}
     for name in QUANTILES:
         for percent in (1, 5, 25, 50, 75):
             row = rows[f"{words[name]}, {percent} %"]
-            assert row["found"] == pytest.approx(np.percentile(values[name], percent), rel=0.01, abs=0.006), row["fact"]
-            assert row["n"] == 100_000
+            assert row.found == pytest.approx(np.percentile(values[name], percent), rel=0.01, abs=0.006), row.fact
+            assert row.n == 100_000
     for name, key, below in (
         ("gap below 10 m", "gap", 10.0), ("gap below 15 m", "gap", 15.0),
         ("time gap below 0.3 s", "time_gap", 0.3), ("time gap below 0.5 s", "time_gap", 0.5),
         ("TTC below 5 s", "ttc", 5.0), ("TTC below 10 s", "ttc", 10.0),
     ):  # fmt: skip
-        assert rows[f"share with {name}"]["found"] == pytest.approx((values[key] < below).mean(), abs=2e-5)
+        assert rows[f"share with {name}"].found == pytest.approx((values[key] < below).mean(), abs=2e-5)
     rate = rows["closing cut-ins at 5-35 m/s"]
-    assert rate["found"] == pytest.approx(5_400 / 60_000)
-    assert rate["within"] is True
+    assert rate.found == pytest.approx(5_400 / 60_000)
+    assert rate.within is True
 
 
 def test_without_cut_ins_no_check_of_them_is_met() -> None:
     rows = compare_with_facts(counted(), CUT_IN_FACTS)
-    assert [row["found"] for row in rows[:-1]] == [None] * 26
-    assert not any(row["within"] for row in rows)
+    assert [row.found for row in rows[:-1]] == [None] * 26
+    assert not any(row.within for row in rows)
 
 
 @pytest.fixture(scope="module")
@@ -290,7 +294,7 @@ def failing(traffic: FreeTraffic) -> tuple[set[str], set[str], set[str]]:
     start = compare_with_facts(traffic.during(DRIFT_WINDOWS[0]))
     cut_ins = compare_with_facts(traffic.during(WHOLE), CUT_IN_FACTS)
     rows = start, cut_ins, compare_persistence(traffic.pairs)
-    return tuple({row["fact"] for row in part if row["within"] is False} for part in rows)  # type: ignore[return-value]
+    return tuple({row.fact for row in part if row.within is False} for part in rows)  # type: ignore[return-value]
 
 
 def test_traffic_as_it_was_before_fails_these_checks(before: FreeTraffic) -> None:

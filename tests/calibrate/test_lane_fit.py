@@ -19,15 +19,16 @@ from cornerforge.ext.calibrate.lane_change import LaneChange
 from cornerforge.ext.calibrate.lane_fit import (
     FEWEST_CHANGES,
     WIDTHS,
-    FittedNumber,
     change_chances,
     fit_lane_changes,
     maximise,
+    told_by_data,
 )
 from cornerforge.ext.calibrate.lane_risk import SecondsAtRisk, joined_seconds, seconds_at_risk
 from cornerforge.ext.calibrate.readers import Reading
 from cornerforge.ndd import default_model_path, fit_model, load_model, model_hash, read_decisions
 from cornerforge.results import NddFitted
+from cornerforge.results.naturalistic import FittedLaneNumber
 
 HEADER = "scenario,veh_id,lane,t_s,s_m,length_m"
 ALARM_SD = 4.9
@@ -139,7 +140,7 @@ def test_lengths_are_counted_out_by_reason(tmp_path: Path) -> None:
         assert (reason, changes) == ("a vehicle is shorter than 2 m or longer than 25 m", 1)
         assert found.left_out[reason] > 10
     dropped = read(tmp_path / "t.csv", [*frame(), *car(1, 200.0, 20.0, {0.0: 1}, 0.5)])
-    assert dropped.bad.reasons["length_m outside 1 to 40 m"] == (201, 404)
+    assert dropped.table.bad.reasons["length_m outside 1 to 40 m"] == (201, 404)
 
 
 def test_two_rates_in_one_file_are_counted_out(tmp_path: Path) -> None:
@@ -147,7 +148,7 @@ def test_two_rates_in_one_file_are_counted_out(tmp_path: Path) -> None:
     rows = [*frame(), *car(1, 200.0, 20.0, {0.0: 1, 10.0: 2}, per_second=4), *car(2, 0.0, 20.0, {0.0: 1, 9.0: 2})]
     reading = read(tmp_path / "t.csv", rows)
     reason = "t_s has another step than the file's 0.1 s (give files of one frame rate each)"
-    assert reading.bad.reasons[reason] == (81, 404)
+    assert reading.table.bad.reasons[reason] == (81, 404)
     found = seconds_at_risk(reading)
     assert found is not None
     assert found.changes == 1
@@ -159,8 +160,8 @@ def test_two_files_may_have_two_rates(tmp_path: Path) -> None:
     rows = [*frame(), *car(1, 200.0, 20.0, {0.0: 1, 10.0: 2})]
     ten = read(tmp_path / "ten.csv", rows)
     five = read(tmp_path / "five.csv", [row for row in rows if round(10.0 * float(row.split(",")[3])) % 2 == 0])
-    told, one = fit_lane_changes([ten, five]), fit_lane_changes([ten])
-    assert (five.rows_read, one.changes) == (303, 1)
+    (_, told), (_, one) = fit_lane_changes([ten, five]), fit_lane_changes([ten])
+    assert (five.table.rows_read, one.changes) == (303, 1)
     assert (told.changes, told.vehicles) == (2, 2 * one.vehicles)
     assert abs(told.seconds - 2 * one.seconds) <= 2  # at the borders of gaps
 
@@ -257,7 +258,7 @@ def test_few_changes_move_little_and_many_tell(seed: int) -> None:
     for name, number in numbers.items():
         assert number.prior == getattr(LaneChange(), name)
         assert abs(off(number, getattr(law, name))) < ALARM_SD * spread(number), name
-        assert number.told_by_data, name
+        assert told_by_data(number), name
     one = joined_seconds([many, many])
     assert (one.size, one.changes) == (2 * many.size, 2 * many.changes)
     assert np.unique(one.vehicle).size == 2 * seconds.size
@@ -267,14 +268,14 @@ def test_few_changes_move_little_and_many_tell(seed: int) -> None:
     for name, number in numbers.items():
         assert abs(off(number, number.prior)) < 0.25 * WIDTHS[name], name
         assert spread(number) == pytest.approx(WIDTHS[name], rel=0.1), name
-        assert not number.told_by_data, name
+        assert not told_by_data(number), name
 
 
-def off(number: FittedNumber, truth: float) -> float:
+def off(number: FittedLaneNumber, truth: float) -> float:
     return math.log(number.estimate / truth)
 
 
-def spread(number: FittedNumber) -> float:
+def spread(number: FittedLaneNumber) -> float:
     low, high = number.interval95
     return math.log(high / low) / (2 * 1.959964)
 
@@ -313,7 +314,7 @@ def score(law: LaneChange, seconds: SecondsAtRisk) -> np.ndarray:
     return np.where(seconds.changed, np.log(np.maximum(chance, 1e-300)), np.log1p(-chance))
 
 
-def is_found(name: str, number: FittedNumber) -> bool:
+def is_found(name: str, number: FittedLaneNumber) -> bool:
     """Within chance and `BIAS` of `TRUTH`; what is hidden makes the doubt ahead smaller, never larger."""
     by, chance = off(number, getattr(TRUTH, name)), ALARM_SD * spread(number)
     return -chance - BIAS[name] < by < chance + (0.0 if name == "lead_doubt" else BIAS[name])
@@ -427,12 +428,12 @@ def test_the_prior_can_be_kept(recorded: list[Path], tmp_path: Path) -> None:
 
 
 def test_without_enough_changes_the_prior_stays_and_the_reason_is_told(tmp_path: Path) -> None:
-    told = fit_lane_changes([read(tmp_path / "few.csv", many_changes(FEWEST_CHANGES - 1))])
-    assert (told.fitted, told.changes, told.law) == (False, FEWEST_CHANGES - 1, LaneChange())
+    law, told = fit_lane_changes([read(tmp_path / "few.csv", many_changes(FEWEST_CHANGES - 1))])
+    assert (told.fitted, told.changes, law) == (False, FEWEST_CHANGES - 1, LaneChange())
     assert told.why == "29 lane change(s) can be used, and at least 30 are needed"
-    assert fit_lane_changes([read(tmp_path / "enough.csv", many_changes(FEWEST_CHANGES))]).fitted
-    alone = fit_lane_changes([read(tmp_path / "alone.csv", car(1, 0.0, 20.0, {0.0: 1}))])
-    assert (alone.seconds, alone.to_json()["speed_median"]) == (0, None)
+    assert fit_lane_changes([read(tmp_path / "enough.csv", many_changes(FEWEST_CHANGES))])[1].fitted
+    _, alone = fit_lane_changes([read(tmp_path / "alone.csv", car(1, 0.0, 20.0, {0.0: 1}))])
+    assert (alone.seconds, alone.speed_median) == (0, None)
     assert "nobody was seen for long enough with a lane beside its own" in alone.why
 
 

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cornerforge.ext.calibrate.compare import SimulatedQuantity, SimulatedTraffic, compare_decisions, compare_traffic
+from cornerforge.ext.calibrate.compare import compare_decisions, compare_traffic
 from cornerforge.ext.calibrate.decisions import Decisions
+from cornerforge.ext.calibrate.free_running import Quantity
 from cornerforge.ext.calibrate.readers import Reading
 from cornerforge.ndd import read_decisions
 from cornerforge.ndd.model import NddModel
@@ -45,7 +46,7 @@ def drivers(n: int, speeds: np.ndarray, seed: int) -> Decisions:
     )
 
 
-def traffic_of(d: Decisions) -> SimulatedTraffic:
+def traffic_of(d: Decisions) -> dict[str, Quantity]:
     """Counts of decisions, as a simulator would have them."""
     led, alone = d.where(np.isfinite(d.gap)), d.where(~np.isfinite(d.gap))
     values = {
@@ -58,12 +59,12 @@ def traffic_of(d: Decisions) -> SimulatedTraffic:
     }
     quantities = {}
     for name, (unit, low, width, bins) in GRIDS.items():
-        empty = SimulatedQuantity(unit, low, width, np.zeros((41, bins), dtype=np.int64))
+        empty = Quantity(unit, low, width, np.zeros((41, bins), dtype=np.int64))
         if name in values:
             part, numbers = values[name]
             np.add.at(empty.counts, (np.rint(part.speed).astype(int), empty.place(numbers)), 1)
         quantities[name] = empty
-    return SimulatedTraffic(quantities, 0.3)
+    return quantities
 
 
 @pytest.fixture(scope="module")
@@ -75,8 +76,8 @@ def reading(tmp_path_factory: pytest.TempPathFactory) -> Reading:
     return read_decisions([path], "pairs")[0]
 
 
-def compared(model: NddModel, reading: Reading, d: Decisions, traffic: SimulatedTraffic) -> dict[str, Any]:
-    found = compare_traffic(model, [replace(reading, decisions=d)], traffic)
+def compared(model: NddModel, reading: Reading, d: Decisions, traffic: dict[str, Quantity]) -> dict[str, Any]:
+    found = compare_traffic(model, [replace(reading, decisions=d)], traffic, 0.3)
     json.dumps(found, allow_nan=False)
     assert all(list(files) == ["r.csv"] for files in found.values())
     return {quantity: files["r.csv"] for quantity, files in found.items()}
@@ -94,8 +95,8 @@ def test_the_same_drivers_at_other_speeds_are_no_distance_away(model: NddModel, 
         assert rows[name]["wasserstein_interval95"][0] < 0.05, name
         assert rows[name]["kolmogorov_smirnov"] < 0.05, name
         assert "caution" not in rows[name]
-    pooled = {name: replace(q, counts=np.tile(q.counts.sum(axis=0), (41, 1))) for name, q in traffic.quantities.items()}
-    unmatched = compared(model, reading, drivers(6000, np.array([22]), 2), SimulatedTraffic(pooled, 0.3))
+    pooled = {name: q._replace(counts=np.tile(q.counts.sum(axis=0), (41, 1))) for name, q in traffic.items()}
+    unmatched = compared(model, reading, drivers(6000, np.array([22]), 2), pooled)
     assert unmatched["gap"]["wasserstein"] > 10.0  # negative control: without the matching
 
 
@@ -172,9 +173,9 @@ def lane_file(path: Path, changes: int) -> Reading:
 @pytest.mark.full
 def test_lane_changes_are_compared_where_lanes_are_known(model: NddModel, tmp_path: Path) -> None:
     traffic = traffic_of(drivers(100_000, MANY, 1))
-    lead = traffic.quantities["accepted_lead_gap"].counts
+    lead = traffic["accepted_lead_gap"].counts
     lead[25, 35] = 1000
-    found = compare_traffic(model, [lane_file(tmp_path / "l.csv", 40)], traffic)
+    found = compare_traffic(model, [lane_file(tmp_path / "l.csv", 40)], traffic, 0.3)
     rate: Any = found["lane_changes_per_mile"]["l.csv"]
     miles = 120 * 1500.0 / 1609.344
     assert rate["recorded_miles"] == pytest.approx(miles, rel=1e-3)
@@ -187,7 +188,7 @@ def test_lane_changes_are_compared_where_lanes_are_known(model: NddModel, tmp_pa
     assert (gap["accepted_by_drivers"], gap["thereof_impossible_to_the_model"]) == (40, 0)
     assert (
         "not_compared"
-        in compare_traffic(model, [lane_file(tmp_path / "m.csv", 5)], traffic)["accepted_lead_gap"]["m.csv"]
+        in compare_traffic(model, [lane_file(tmp_path / "m.csv", 5)], traffic, 0.3)["accepted_lead_gap"]["m.csv"]
     )
 
 

@@ -18,6 +18,7 @@ from cornerforge.ext.calibrate.prior import SafeLaw, following_prior
 from cornerforge.ext.calibrate.scores import grid_place, table_log_likelihood
 from cornerforge.ndd import default_model_path, fit_model, load_model, model_hash, save_model, write_fit_report
 from cornerforge.ndd.model import NddModel
+from cornerforge.results import as_json
 from cornerforge.types import ACCELERATIONS
 
 HEADER = "period,follower,leader,t_s,v_mps,vl_mps,gap_m,split"
@@ -94,9 +95,9 @@ def test_the_report_counts_and_scores(tmp_path: Path) -> None:
     path = pairs_file(tmp_path / "p.csv")
     said: list[str] = []
     model, report = fit_model([path], "pairs", progress=said.append)
-    as_json = json.loads(json.dumps(report.to_json()))
-    assert (as_json["rows_read"], as_json["rows_used"], as_json["bad_rows"]) == (7260, 7260, {"p.csv": {}})
-    score = as_json["held_out_log_likelihood"]["p.csv"]
+    told = json.loads(json.dumps(as_json(report)))
+    assert (told["rows_read"], told["rows_used"], told["bad_rows"]) == (7260, 7260, {"p.csv": {}})
+    score = told["held_out_log_likelihood"]["p.csv"]
     assert score["decisions"] == 12 * 12
     assert score["log"] > score["idm"] > score["uniform"]
     assert score["uniform"] == pytest.approx(-3.434, abs=1e-3)

@@ -134,7 +134,7 @@ def test_every_documented_form_gives_the_same_states_with_its_format_guessed(tmp
     np.testing.assert_allclose(followers.gap, GAP, atol=0.02)
     np.testing.assert_allclose(followers.range_rate, 0.0, atol=0.02)
     np.testing.assert_allclose(followers.acceleration, 0.0, atol=0.02)
-    assert (reading.bad.total, reading.notes) == (0, ())
+    assert (reading.table.bad.total, reading.notes) == (0, ())
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -149,9 +149,9 @@ def test_damage_in_every_form_is_counted_with_its_first_line(tmp_path: Path, nam
     lines[9] = lines[9] + ",1"
     lines.insert(20, lines[19])
     reading = read_one(written(tmp_path / "01_tracks.csv", header, lines), data_format)
-    reasons = {reason.split(" ", 1)[1]: where for reason, where in reading.bad.reasons.items()}
+    reasons = {reason.split(" ", 1)[1]: where for reason, where in reading.table.bad.reasons.items()}
     assert reasons == {"number of fields": (1, 11), "is not a number": (1, 9), "twice for one vehicle": (1, 22)}
-    assert reading.rows_read == len(lines)
+    assert reading.table.rows_read == len(lines)
 
 
 def test_pairs_and_tracks_together_are_refused_with_what_would_read_both(tmp_path: Path) -> None:

@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 import cornerforge
 from cornerforge.cli import main
 from cornerforge.errors import FileFormatError
-from cornerforge.ext.calibrate.ivbss import ImportReport, import_arrays
+from cornerforge.ext.calibrate.ivbss import import_arrays
 from cornerforge.ext.calibrate.ivbss_initial import fit_gaps, fit_speeds, gap_law, speed_law
-from cornerforge.ext.calibrate.ivbss_rows import checked_cumulative, checked_rows
+from cornerforge.ext.calibrate.ivbss_tables import checked_cumulative, checked_rows
 from cornerforge.ndd import default_model_path, load_model
 from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.memory import Memory
 from cornerforge.ndd.model import GAPS, RANGE_RATES, NddModel
+from cornerforge.results.naturalistic import ImportReport
 
 Floats = NDArray[np.float64]
 STATES = GAPS.size * RANGE_RATES.size
@@ -239,7 +240,7 @@ def test_rows_near_1_are_divided_and_counted_and_far_ones_refused() -> None:
     rows, known, counts = checked_rows("x.npy", table)
     np.testing.assert_allclose(rows[[0, 1, 3]].sum(axis=1), 1.0, atol=1e-9)
     assert known.tolist() == [True, True, False, True]
-    assert counts.to_json() == {"rows": 4, "empty": 1, "renormalised": 1}
+    assert counts == {"rows": 4, "empty": 1, "renormalised": 1}
     table[1] *= 1.01
     with pytest.raises(FileFormatError, match=r"x\.npy: 1 of 4 rows do not sum to 1 within 0\.01, the first at \[1\]"):
         checked_rows("x.npy", table)
@@ -256,13 +257,13 @@ def test_what_has_been_checked_sums_to_1_and_keeps_its_zeros(data: st.DataObject
     rows, known, counts = checked_rows("x.npy", table)
     np.testing.assert_allclose(rows.sum(axis=1), known.astype(float), atol=2e-6)
     assert ((rows > 0.0) == (table > 0.0)).all()
-    assert counts.empty == int((total == 0.0).sum())
+    assert counts["empty"] == int((total == 0.0).sum())
 
 
 def test_cumulative_rows_are_taken_apart() -> None:
     rows, known, counts = checked_cumulative("x.npy", np.array([[0.25, 0.25, 1.0], [0.0, 0.0, 0.0], [np.nan] * 3]))
     np.testing.assert_allclose(rows, [[0.25, 0.0, 0.75], [0.0] * 3, [0.0] * 3])
-    assert (known.tolist(), counts.empty) == ([True, False, False], 2)
+    assert (known.tolist(), counts["empty"]) == ([True, False, False], 2)
     with pytest.raises(FileFormatError, match=r"fall 1 time\(s\), first after \[0, 1\]"):
         checked_cumulative("x.npy", np.array([[0.2, 0.6, 0.5, 1.0]]))
 

@@ -41,7 +41,7 @@ def test_pairs_give_one_decision_a_second_with_the_acceleration_that_follows(tmp
     np.testing.assert_allclose(decisions.acceleration, 0.5)
     np.testing.assert_allclose(decisions.range_rate, [-2.0, -2.5, -3.0, -3.5])
     np.testing.assert_allclose(decisions.gap, [40.0, 38.0, 36.0, 34.0])
-    assert (reading.rows_read, reading.rows_used, reading.bad.total) == (41, 41, 0)
+    assert (reading.table.rows_read, reading.rows_used, reading.table.bad.total) == (41, 41, 0)
 
 
 def test_decisions_never_reach_over_a_missing_row(tmp_path: Path) -> None:
@@ -84,7 +84,7 @@ def test_a_bad_row_is_named_counted_and_left_out(tmp_path: Path, column: int, te
     rows = pairs_rows()
     rows[20] = broken(rows[20], column, text)
     reading = read_one(written(tmp_path / "p.csv", PAIRS_HEADER, rows), "pairs")
-    assert reading.bad.reasons == {reason: (1, 22)}  # the header is line 1
+    assert reading.table.bad.reasons == {reason: (1, 22)}  # the header is line 1
     assert reading.rows_used == 40
     assert np.isfinite(reading.decisions.acceleration).all()
 
@@ -94,7 +94,7 @@ def test_a_row_that_stands_twice_is_kept_once(tmp_path: Path) -> None:
     rows.insert(21, rows[20])
     rows.append(rows[3])
     reading = read_one(written(tmp_path / "p.csv", PAIRS_HEADER, rows), "pairs")
-    assert reading.bad.reasons == {"t_s twice for one vehicle": (2, 23)}
+    assert reading.table.bad.reasons == {"t_s twice for one vehicle": (2, 23)}
     np.testing.assert_allclose(reading.decisions.speed, [12.0, 12.5, 13.0, 13.5])
 
 
@@ -102,7 +102,7 @@ def test_rows_that_contradict_each_other_are_both_left_out(tmp_path: Path) -> No
     rows = pairs_rows()
     rows[20] = broken(rows[20], 3, "0.1")  # now two rows say where the vehicle is at 0.1 s
     reading = read_one(written(tmp_path / "p.csv", PAIRS_HEADER, rows), "pairs")
-    assert reading.bad.reasons == {"t_s twice for one vehicle, with different values": (2, 3)}
+    assert reading.table.bad.reasons == {"t_s twice for one vehicle, with different values": (2, 3)}
     assert reading.rows_used == 39
 
 
@@ -112,7 +112,7 @@ def test_unsorted_rows_are_sorted_and_the_file_is_named(tmp_path: Path) -> None:
     rows[10], rows[30] = rows[30], rows[10]
     with pytest.warns(UserWarning, match=r"p\.csv: 2 row\(s\) stand after a later one .*line 13\); .*sorted by t_s"):
         reading = read_one(written(tmp_path / "p.csv", PAIRS_HEADER, rows), "pairs")
-    assert reading.bad.total == 0
+    assert reading.table.bad.total == 0
     assert len(reading.notes) == 1
     for name in ("speed", "gap", "range_rate", "acceleration"):
         np.testing.assert_array_equal(getattr(reading.decisions, name), getattr(wanted, name))
@@ -137,8 +137,8 @@ def test_a_row_with_too_few_or_too_many_fields_does_not_shift_line_numbers(tmp_p
     rows[7] += ",9"
     rows[20] = broken(rows[20], 4, "nan")
     reading = read_one(written(tmp_path / "p.csv", PAIRS_HEADER, rows), "pairs")
-    assert reading.bad.reasons == {"wrong number of fields": (2, 5), "v_mps is not a number": (1, 22)}
-    assert reading.rows_read == 41
+    assert reading.table.bad.reasons == {"wrong number of fields": (2, 5), "v_mps is not a number": (1, 22)}
+    assert reading.table.rows_read == 41
 
 
 HOV_HEADER = "track,t_s,y_m,v_mps,leader_track,spacing_m"
@@ -176,7 +176,7 @@ def test_a_position_that_jumps_is_named_not_smoothed_over(tmp_path: Path) -> Non
     rows = hov_rows()
     rows[180] = broken(rows[180], 2, "300.0")
     reading = read_one(written(tmp_path / "t.csv", HOV_HEADER, rows), "tracks")
-    assert reading.bad.reasons == {"y_m jumps (faster than 70 m/s)": (2, 182)}  # into the jump and out of it
+    assert reading.table.bad.reasons == {"y_m jumps (faster than 70 m/s)": (2, 182)}  # into the jump and out of it
     np.testing.assert_allclose(reading.decisions.acceleration, -0.4, atol=1e-3)
 
 
@@ -184,14 +184,14 @@ def test_a_vehicle_that_reverses_is_named(tmp_path: Path) -> None:
     rows = [f"7,{0.1 * i:.1f},{200.0:.4f},0.0,," for i in range(61)]
     rows += [f"8,{0.1 * i:.1f},{100 - 0.5 * i:.4f},0.0,7,{100 + 0.5 * i:.4f}" for i in range(61)]
     reading = read_one(written(tmp_path / "t.csv", HOV_HEADER, rows), "tracks")
-    assert reading.bad.reasons == {"vehicle reverses (faster than 2 m/s)": (61, 63)}
+    assert reading.table.bad.reasons == {"vehicle reverses (faster than 2 m/s)": (61, 63)}
     assert reading.decisions.size == 0
 
 
 def test_a_leader_that_is_not_in_the_file_gives_no_decision(tmp_path: Path) -> None:
     reading = read_one(written(tmp_path / "t.csv", HOV_HEADER, hov_rows(leader="99")), "tracks")
     assert reading.decisions.size == 0
-    assert reading.bad.total == 0
+    assert reading.table.bad.total == 0
 
 
 CLIP_HEADER = "scenario,veh_id,lane,t_s,s_m,length_m"
@@ -220,7 +220,7 @@ def test_two_vehicles_in_one_place_are_named(tmp_path: Path) -> None:
     # Vehicle 6 drives through vehicle 2: its box covers the other's from 128 m on (2 m behind it) for 0.5 s.
     rows += [f"A,6,2,{0.1 * i:.1f},{128.0 + i:.4f},5.0" for i in range(61)]
     reading = read_one(written(tmp_path / "c.csv", CLIP_HEADER, rows), "tracks")
-    assert reading.bad.reasons == {"overlaps the vehicle ahead (two vehicles in one place)": (61, 307)}
+    assert reading.table.bad.reasons == {"overlaps the vehicle ahead (two vehicles in one place)": (61, 307)}
     following = np.isfinite(reading.decisions.gap)
     np.testing.assert_allclose(np.unique(reading.decisions.gap[following].round(6)), [23.0, 25.0])
 
@@ -299,7 +299,7 @@ def test_damaged_bytes_spoil_their_row_only(tmp_path: Path) -> None:
     lines = content.split(b"\n")
     lines[21] = lines[21].replace(b"13.0", b"13\xff0")
     (tmp_path / "p.csv").write_bytes(b"\n".join(lines))
-    assert read_one(tmp_path / "p.csv", "pairs").bad.reasons == {"v_mps is not a number": (1, 22)}
+    assert read_one(tmp_path / "p.csv", "pairs").table.bad.reasons == {"v_mps is not a number": (1, 22)}
 
 
 def test_an_unknown_format_names_the_nearest(tmp_path: Path) -> None:
@@ -323,7 +323,7 @@ def test_a_cut_off_gzip_file_is_refused_and_a_whole_one_read(tmp_path: Path) -> 
     rows = [row for follower in range(3, 200) for row in pairs_rows(follower=follower)]
     whole = gzip.compress("\n".join([PAIRS_HEADER, *rows]).encode(), mtime=0)
     (tmp_path / "whole.csv.gz").write_bytes(whole)
-    assert read_one(tmp_path / "whole.csv.gz", "pairs").rows_read == len(rows)
+    assert read_one(tmp_path / "whole.csv.gz", "pairs").table.rows_read == len(rows)
     (tmp_path / "cut.csv.gz").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(DataError, match=r"cut\.csv\.gz is cut off after line [1-9][0-9]+;"):
         read_decisions([tmp_path / "cut.csv.gz"], "pairs")

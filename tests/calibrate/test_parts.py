@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,12 @@ import pytest
 from cornerforge.cli import main
 from cornerforge.errors import DataError
 from cornerforge.ext.calibrate.decisions import Decisions
-from cornerforge.ext.calibrate.lane_fit import FittedNumber, LaneChangeFit
+from cornerforge.ext.calibrate.lane_fit import not_fitted
 from cornerforge.ext.calibrate.parts import FITTED, IN_PART, PRIOR, parts_of
 from cornerforge.ext.calibrate.traits import NoiseSpread
 from cornerforge.ndd import fit_model
 from cornerforge.ndd.initial import InitialState
+from cornerforge.results.naturalistic import BadRows
 
 NAMES = [
     "car-following law", "response near the leader", "following table", "free driving", "memory", "noise level",
@@ -30,8 +32,7 @@ def decisions(speeds: list[float], gaps: list[float]) -> Decisions:
 
 
 def test_each_part_has_a_source_and_a_reason() -> None:
-    number = FittedNumber(0.02, (0.01, 0.03), 0.015, (0.002, 0.1), "1/s")
-    changes = LaneChangeFit(fitted=True, why="", changes=50, seconds=4000, numbers={"rate": number})
+    changes = replace(not_fitted(""), fitted=True, changes=50, seconds=4000)
     training = decisions([25.0, 27.0, 15.0], [25.0, np.inf, 10.0])
     noise = NoiseSpread(0.2, fitted=True, drivers=40, interval95=(0.0, 0.5))
     found = parts_of(
@@ -57,7 +58,7 @@ def test_with_nothing_to_fit_all_is_prior_and_says_why() -> None:
     slow = decisions([12.0], [np.inf])
     found = parts_of(
         slow, too_few="Only 0.", fast=0, counted=0, counted_free=0, strength=200.0,
-        changes=LaneChangeFit(why="that is so"),
+        changes=not_fitted("that is so"),
         noise=NoiseSpread(0.2, fitted=False, drivers=3, interval95=(np.nan, np.nan)),
     )  # fmt: skip
     assert {part.source for part in found} == {PRIOR}
@@ -135,7 +136,7 @@ def test_vehicles_out_of_all_lengths_are_counted_with_their_line(tmp_path: Path)
     rows = one_vehicle(60) + [row.replace(",4.5", ",60") for row in one_vehicle(59, 2)]
     path = lanes_file(tmp_path / "long.csv", rows)
     _, report = fit_model([path], "tracks")
-    assert report.bad_rows["long.csv"] == {"length_m outside 1 to 40 m": {"rows": 590, "first_line": 602}}
+    assert report.bad_rows["long.csv"] == {"length_m outside 1 to 40 m": BadRows(rows=590, first_line=602)}
     only = lanes_file(tmp_path / "only.csv", rows[600:])
     with pytest.raises(DataError, match=r"length_m outside 1 to 40 m .590 row.s., first at line 2.* in feet"):
         fit_model([only], "tracks")

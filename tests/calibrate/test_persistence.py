@@ -95,19 +95,19 @@ def test_correlations_are_those_of_numpy(memory: float, seed: int) -> None:
     """The answer to the range rate, which is the same in both seconds, is no memory (0.1 is left within a class)."""
     blocks = drivers(np.random.default_rng(seed), memory)
     rows = compare_persistence(blocks)
-    assert [row["n"] for row in rows[:4]] == [80_000] * 4
+    assert [row.n for row in rows[:4]] == [80_000] * 4
     gaps = np.concatenate([block.time_gaps[10] for block in blocks], axis=1)
-    assert rows[0]["found"] == pytest.approx(np.corrcoef(gaps)[0, 1])
-    low, high = rows[0]["interval95"]
-    assert low < 0.9 < high or rows[0]["found"] == pytest.approx(0.9, abs=0.01)
-    assert [row["within"] for row in rows] == [True, False, False, None, memory > 0.0]
+    assert rows[0].found == pytest.approx(np.corrcoef(gaps)[0, 1])
+    low, high = rows[0].interval95
+    assert low < 0.9 < high or rows[0].found == pytest.approx(0.9, abs=0.01)
+    assert [row.within for row in rows] == [True, False, False, None, memory > 0.0]
     residual = rows[-1]
     everything = np.concatenate([block.seconds for block in blocks], axis=2)
     left = residuals(everything)
     known = np.isfinite(left).all(axis=0)
-    assert residual["n"] == known.sum() > 70_000
-    assert residual["found"] == pytest.approx(np.corrcoef(left[0, known], left[1, known])[0, 1])
-    assert residual["found"] == pytest.approx(memory, abs=0.12)
+    assert residual.n == known.sum() > 70_000
+    assert residual.found == pytest.approx(np.corrcoef(left[0, known], left[1, known])[0, 1])
+    assert residual.found == pytest.approx(memory, abs=0.12)
     without_state = np.corrcoef(everything[0, 3], everything[1, 3])[0, 1]
     assert without_state > memory + 0.3  # the range rate alone makes them alike
 
@@ -115,4 +115,4 @@ def test_correlations_are_those_of_numpy(memory: float, seed: int) -> None:
 def test_nothing_noted_is_nothing_found() -> None:
     nothing = Pairs(dict.fromkeys((10, 20, 30, 40), np.zeros((2, 0))), np.zeros((2, 4, 0)))
     rows = compare_persistence([nothing] * 20)
-    assert all(row["found"] is None and row["n"] == 0 and not row["within"] for row in rows)
+    assert all(row.found is None and row.n == 0 and not row.within for row in rows)

@@ -83,8 +83,8 @@ def test_transitions_of_a_file(run: Experiment, lanes: Path) -> None:
     assert second.in_target.sum() == 1
     assert second.along.size == 4  # with vehicles 1 and 4, which drive in lane 2; the order is that of the file
     (told,) = compare_transitions(run, ["lanes.csv"], [reading])
-    assert (told["found"], told["n"], told["within"]) == (0.5, 2, False)
-    assert told["interval95"] == pytest.approx([0.0126, 0.9874], abs=1e-4)
+    assert (told.found, told.n, told.within) == (0.5, 2, False)
+    assert told.interval95 == pytest.approx((0.0126, 0.9874), abs=1e-4)
 
 
 def test_a_model_that_accepts_all_gaps_passes(lanes: Path, tmp_path: Path) -> None:
@@ -97,8 +97,8 @@ def test_a_model_that_accepts_all_gaps_passes(lanes: Path, tmp_path: Path) -> No
     save_model(easy, tmp_path / "easy.npz")
     run = experiment(model=tmp_path / "easy.npz")
     (told,) = compare_transitions(run, ["lanes.csv"], read_decisions([lanes], "ngsim"))
-    assert told["found"] == 0.0
-    assert told["within"] is True
+    assert told.found == 0.0
+    assert told.within is True
 
 
 def test_a_file_without_lanes_has_no_row(run: Experiment, tmp_path: Path) -> None:

@@ -16,8 +16,7 @@ from cornerforge.adversary.worlds.rewards import reward_numbers
 from cornerforge.errors import InputError
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.setting import experiment
-from cornerforge.ext.gym.batch import FIRST_TEST, AvBatch, BvBatch
-from cornerforge.ext.gym.runs import adversary_batch, driving_batch
+from cornerforge.ext.gym.batch import FIRST_TEST, AvBatch, BvBatch, adversary_batch, driving_batch
 from cornerforge.ext.gym.spaces import av_commands
 from cornerforge.sim.actions import ordered_lane
 from cornerforge.sim.adversaries import choose_action

@@ -19,8 +19,9 @@ import pytest
 
 import cornerforge
 from cornerforge.experiment.setting import experiment
-from cornerforge.ext.explorer import Exhibit
 from cornerforge.ext.explorer import serve as verb
+from cornerforge.ext.explorer.driving import Driving
+from cornerforge.ext.explorer.exhibit import Exhibit
 from cornerforge.library import CaseLibrary
 from cornerforge.library.shards import encode_tables
 from cornerforge.world_options import WorldOptions
@@ -133,6 +134,6 @@ def sent(server: Running, method: str, path: str, content: Any) -> bytes:
 @pytest.fixture(scope="module")
 def exhibit(place: Path) -> Iterator[Exhibit]:
     found = verb._sources(place)
-    made = Exhibit("run", [(one.source, one.analysis) for one in found], verb._driving((), found[0].source))
+    made = Exhibit("run", [(one.source, one.analysis) for one in found], Driving((), found[0].source))
     yield made
     made.close()

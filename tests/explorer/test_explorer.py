@@ -22,8 +22,10 @@ from explorer.conftest import BRAKES, Running, asked, get, sent, started, stoppe
 from PIL import Image
 
 from cornerforge.analysis.first_case import PREVENTION
-from cornerforge.ext.explorer import Analysis, Exhibit
 from cornerforge.ext.explorer import serve as verb
+from cornerforge.ext.explorer.driving import Driving
+from cornerforge.ext.explorer.exhibit import Exhibit
+from cornerforge.ext.explorer.sources import Analysis
 from cornerforge.ext.explorer.start import cards, headline_of
 from cornerforge.library import CaseLibrary
 from cornerforge.library.case_file import read_case_file
@@ -43,7 +45,7 @@ def columns(server: Running, *names: str) -> pa.Table:
 def bare(place: Path) -> Iterator[tuple[Exhibit, Analysis]]:
     """The cases without an analysis, and the one of the natural cases, which may arrive."""
     found = verb._sources(place)
-    made = Exhibit("run", [(one.source, None) for one in found], verb._driving((), found[0].source))
+    made = Exhibit("run", [(one.source, None) for one in found], Driving((), found[0].source))
     assert found[0].analysis is not None
     yield made, found[0].analysis
     made.close()
@@ -336,6 +338,6 @@ def test_the_first_card_is_honest(exhibit: Exhibit, word: str, title: str, told:
     table = exhibit.table.table
     column = pa.array([word] * table.num_rows).dictionary_encode()
     changed = table.set_column(table.column_names.index("prevention"), "prevention", column)
-    first = cards(exhibit._state.sources, dataclasses.replace(exhibit.table, table=changed))[0]
+    first = cards(list(exhibit._state.sources.values()), dataclasses.replace(exhibit.table, table=changed))[0]
     assert title in first["title"]
     assert told in first["text"]

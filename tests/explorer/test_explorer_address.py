@@ -9,9 +9,9 @@ import pytest
 from starlette.types import ASGIApp, Message
 
 from cornerforge.errors import InputError, OutputError
-from cornerforge.ext.explorer import Exhibit, open_door
 from cornerforge.ext.explorer.app import Guard, explorer_app
-from cornerforge.ext.explorer.server import PORT
+from cornerforge.ext.explorer.exhibit import Exhibit
+from cornerforge.ext.explorer.server import PORT, open_door
 
 pytestmark = pytest.mark.full
 

@@ -16,8 +16,9 @@ from plain_results import plain_result
 
 from cornerforge.cli import main
 from cornerforge.errors import InputError
-from cornerforge.ext.explorer import Exhibit
 from cornerforge.ext.explorer import serve as verb
+from cornerforge.ext.explorer.driving import Driving
+from cornerforge.ext.explorer.exhibit import Exhibit
 from cornerforge.results import NaturalRate, as_json
 
 pytestmark = pytest.mark.full
@@ -61,7 +62,7 @@ def test_an_analysis_that_fails_is_said_on_the_page(
     place: Path, monkeypatch: pytest.MonkeyPatch, fault: Exception
 ) -> None:
     found = [dataclasses.replace(one, analysis=None) for one in verb._sources(place)]
-    exhibit = Exhibit("run", [(one.source, None) for one in found], verb._driving((), found[0].source))
+    exhibit = Exhibit("run", [(one.source, None) for one in found], Driving((), found[0].source))
     warmed: list[str] = []
 
     def fail(*_: Any, **__: Any) -> None:

@@ -170,7 +170,7 @@ def _decisions(*names: str, layout: str | None = None) -> Callable[[], Answer]:
         from cornerforge.ext.calibrate.readers import read_decisions
 
         found = read_decisions([Path(name) for name in names], layout)
-        return [[_digest(*vars(r.decisions).values()), repr(r.bad), r.rows_read, r.notes] for r in found]
+        return [[_digest(*vars(r.decisions).values()), repr(r.table.bad), r.table.rows_read, r.notes] for r in found]
 
     return read
 
@@ -225,14 +225,15 @@ def _exhibit(place: str) -> Callable[[], Answer]:
 
         verb = importlib.import_module("cornerforge.ext.explorer.serve")
         from cornerforge._files import real_path
-        from cornerforge.ext.explorer import Exhibit
+        from cornerforge.ext.explorer.driving import Driving
+        from cornerforge.ext.explorer.exhibit import Exhibit
 
         given = real_path(Path(place))
         found = verb._sources(given)
         told = verb._warnings(given, found)
         for line in told:
             warnings.warn(line, stacklevel=1)
-        driving = verb._driving((), found[0].source)
+        driving = Driving((), found[0].source)
         with_closing = Exhibit("x", [(one.source, one.analysis) for one in found], driving, told)
         try:
             return json.loads(json.dumps([with_closing.about(), told], default=repr))

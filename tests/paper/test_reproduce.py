@@ -22,13 +22,11 @@ from cornerforge.experiment.counting import simulate_experiment
 from cornerforge.experiment.policy_file import Policy, load_policy, save_policy
 from cornerforge.experiment.setting import experiment
 from cornerforge.ext.paper import bench as bench_module
-from cornerforge.ext.paper import clusters, examples, figure3, figure6, figure7
-from cornerforge.ext.paper.bench import Adversary, Bench, ReproduceEffort, keep
+from cornerforge.ext.paper import clusters, examples, figure3, figure7
+from cornerforge.ext.paper.bench import Adversary, Bench, ReproduceEffort, keep, library_of, pooled
 from cornerforge.ext.paper.figure2 import seconds_to_yield
-from cornerforge.ext.paper.libraries import library_of
 from cornerforge.ext.paper.matrix import adversaries
-from cornerforge.ext.paper.pooled import pooled
-from cornerforge.ext.paper.registry import ITEMS
+from cornerforge.ext.paper.reproduce import ITEMS
 from cornerforge.ext.paper.reproduction import RENDERERS
 from cornerforge.ext.paper.table1 import TABLE1
 from cornerforge.geometry import Box, boxes_overlap
@@ -167,7 +165,7 @@ def test_a_finished_folder_is_not_computed_again(
     def never(*_: object, **__: object) -> None:
         raise AssertionError("computed again")
 
-    for name in ("learn", "simulate_chunks", "simulate_experiment"):
+    for name in ("learn", "drive_tests", "simulate_experiment"):
         monkeypatch.setattr(bench_module, name, never)
     monkeypatch.setattr(figure3, "simulate_chunks", never)
     before = snapshot(folder / "items") | snapshot(folder / "policies")
@@ -260,7 +258,7 @@ def test_figures_of_a_library_count_every_case_and_can_be_drawn(swerving: Bench)
         "figure7": figure7.compute(swerving, {"unbounded": SWERVE}),
         "figure8": clusters.compute(swerving, SWERVE),
         "figure9": examples.compute(swerving, SWERVE),
-        "figure6": figure6.compute(swerving, (SWERVE,)),
+        "figure6": examples.compute_types(swerving, (SWERVE,)),
     }
     for name, finding in found.items():
         content = json.loads(json.dumps(finding.as_json(), allow_nan=False))

@@ -12,7 +12,7 @@ import pytest
 from edited_files import write_object
 
 from cornerforge.errors import FileFormatError
-from cornerforge.ext.paper.registry import ITEMS
+from cornerforge.ext.paper.reproduce import ITEMS
 from cornerforge.ext.paper.reproduction import RENDERERS, write_reproduction
 
 pytestmark = pytest.mark.full

@@ -15,8 +15,8 @@ import cornerforge
 from cornerforge import cli
 from cornerforge.drivers.rails import ACCELERATION, LANE, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.errors import FileFormatError, InputError, OutputError
-from cornerforge.ext.explorer import Source
 from cornerforge.ext.explorer.columns import case_table
+from cornerforge.ext.explorer.sources import Source
 from cornerforge.ext.interchange.library_case_files import CaseFilesOf
 from cornerforge.ext.interchange.moving_cases import CRASH, NO_CRASH, UNKNOWN, library_of
 from cornerforge.library import CaseLibrary

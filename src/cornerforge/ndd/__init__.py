@@ -10,8 +10,9 @@ if TYPE_CHECKING:
     from cornerforge.ext.calibrate.fit import fit_model
     from cornerforge.ext.calibrate.layouts import DATA_FORMATS
     from cornerforge.ext.calibrate.readers import read_decisions
-    from cornerforge.ext.calibrate.report import FitReport, write_fit_report
+    from cornerforge.ext.calibrate.report import write_fit_report
     from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash, save_model
+    from cornerforge.results.naturalistic import FitReport
 
 __all__ = [
     "DATA_FORMATS",
@@ -30,7 +31,7 @@ __getattr__ = door(
     "cornerforge",
     {
         "DATA_FORMATS": "ext.calibrate.layouts",
-        "FitReport": "ext.calibrate.report",
+        "FitReport": "results.naturalistic",
         "NddModel": "ndd.model",
         "default_model_path": "ndd.model",
         "fit_model": "ext.calibrate.fit",

@@ -9,12 +9,14 @@ from cornerforge.results.rates import Interval
 
 __all__ = [
     "BadRows",
+    "FitReport",
     "FitTraffic",
     "FitVariant",
     "FittedLaneChanges",
     "FittedLaneNumber",
     "FittedPart",
     "HeldOutScore",
+    "ImportReport",
     "NddFitted",
     "NddImported",
     "NddShown",
@@ -199,8 +201,8 @@ class NddShown(Declared):
     figures: Annotated[tuple[str, ...], meant("Files of the figures; none without `--out`; not in `numbers.json`.")]
 
 
-class NddImported(Declared):
-    """A naturalistic model made of published arrays, and what came from where."""
+class ImportReport(Declared):
+    """What of a naturalistic model came from which published array."""
 
     files: Annotated[
         dict[str, dict[str, float | str]],
@@ -214,6 +216,11 @@ class NddImported(Declared):
     unused: Annotated[tuple[str, ...], meant("Files left unused because a preferred one is there.")]
     notes: Annotated[tuple[str, ...], _NOTES]
     model_hash: Annotated[str, _MODEL_HASH]
+
+
+class NddImported(ImportReport):
+    """A naturalistic model made of published arrays, and what came from where."""
+
     report: Annotated[str, meant("File of the report: this object without `report` and `out`.")]
     out: Annotated[str, _OUT]
 
@@ -304,8 +311,8 @@ class FitVariant(Declared):
     traffic: Annotated[FitTraffic | None, meant("How often its traffic crashes; null: it was not driven.")]
 
 
-class NddFitted(Declared):
-    """A naturalistic model fitted to trajectories: what went in and what came out."""
+class FitReport(Declared):
+    """What went into a fit of a naturalistic model, and what came out."""
 
     rows_read: Annotated[Whole, meant("Rows of all files.")]
     rows_used: Annotated[Whole, meant("Rows that passed every check.")]
@@ -334,6 +341,11 @@ class NddFitted(Declared):
     sensitivity: Annotated[
         tuple[FitVariant, ...], meant("What other choices would have given; empty without `--study`.")
     ]
+
+
+class NddFitted(FitReport):
+    """A naturalistic model fitted to trajectories: what went in and what came out."""
+
     format: Annotated[str, meant("Format of the files: the one named, or else the one guessed.")]
     model_hash: Annotated[str, _MODEL_HASH]
     report: Annotated[str, meant("File of the report.")]

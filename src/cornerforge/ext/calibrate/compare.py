@@ -9,31 +9,32 @@ recorded at these speeds for a fair comparison, the answer is a sentence and no 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
+from functools import partial
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.ext.calibrate.decisions import Decisions
+from cornerforge.ext.calibrate.free_running import Quantity, speeds_of
 from cornerforge.ext.calibrate.lane_observations import LaneObservations, observe_lane_changes
-from cornerforge.ext.calibrate.predictors import Predictor, law_predictor, table_predictor
 from cornerforge.ext.calibrate.prior import SafeLaw
-from cornerforge.ext.calibrate.readers import Reading
+from cornerforge.ext.calibrate.readers import Reading, reading_names
 from cornerforge.ext.calibrate.resampling import distance, resampled_weights
-from cornerforge.ext.calibrate.scores import grid_place
+from cornerforge.ext.calibrate.scores import Predictor, grid_place, law_predictor, remembered_probabilities
 from cornerforge.ext.calibrate.validate import (
     FEWEST_VEHICLES,
     decisions_to_score,
     observed_and_predicted,
-    reading_names,
     stated_law,
 )
 from cornerforge.ndd.grids import GAP_GRID, SPEED_GRID
 from cornerforge.ndd.model import NddModel
 from cornerforge.types import ACCELERATIONS
 
-__all__ = ["SimulatedQuantity", "SimulatedTraffic", "compare_decisions", "compare_traffic"]
+__all__ = ["compare_decisions", "compare_traffic", "shares_of"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -56,56 +57,20 @@ STEADY = 0.5
 _FREE_GAP = GAP_GRID.upper
 
 
-@dataclass(frozen=True)
-class SimulatedQuantity:
-    """A quantity of simulated traffic by speed.
-
-    Attributes:
-        unit: Unit of the quantity.
-        low, width: First edge and width of the bins.
-        counts: States by speed class (0, 1, ... m/s, to the nearest) and bin, shape (41, k); the end bins hold what
-            lies beyond.
-    """
-
-    unit: str
-    low: float
-    width: float
-    counts: Ints
-
-    def place(self, values: Floats) -> Ints:
-        """Return the bin of each value, shape (n,)."""
-        found = np.floor((np.minimum(values, 1e6) - self.low) / self.width)
-        return np.asarray(np.clip(found, 0, self.counts.shape[1] - 1), dtype=np.int64)
-
-
-@dataclass(frozen=True)
-class SimulatedTraffic:
-    """Free-running simulated traffic.
-
-    Attributes:
-        quantities: Quantities by name: gap, time_gap, range_rate, acceleration_following, acceleration_free,
-            inverse_ttc, accepted_lead_gap, accepted_rear_gap.
-        lane_changes_per_mile: Over all speeds.
-    """
-
-    quantities: Mapping[str, SimulatedQuantity]
-    lane_changes_per_mile: float = field(metadata={"unit": "1/mile"})
-
-    def speed(self) -> SimulatedQuantity:
-        """Speeds from 19.5 m/s on, in classes of 1 m/s, not matched by speed: every class holds all of them."""
-        both = (self.quantities[f"acceleration_{kind}"].counts.sum(axis=1) for kind in ("following", "free"))
-        counts = sum(both, np.zeros(41, dtype=np.int64))
-        counts[: int(SLOWEST + 0.5)] = 0
-        return SimulatedQuantity("m/s", -0.5, 1.0, np.tile(counts, (41, 1)))
-
-
 Result = dict[str, object]
 
 
 def compare_traffic(
-    model: NddModel, readings: Sequence[Reading], traffic: SimulatedTraffic
+    model: NddModel, readings: Sequence[Reading], traffic: Mapping[str, Quantity], changes_per_mile: float
 ) -> dict[str, dict[str, Result]]:
-    """Compare recorded with simulated traffic.
+    """Compare recorded with free-running simulated traffic.
+
+    Args:
+        model: The model.
+        readings: The files.
+        traffic: Quantities by name: gap, time_gap, range_rate, acceleration_following, acceleration_free, inverse_ttc,
+            accepted_lead_gap, accepted_rear_gap.
+        changes_per_mile: Simulated lane changes per vehicle-mile, over all speeds.
 
     Returns:
         Quantity -> file -> either `not_compared` (the reason, in words) or the fields of `Distance` (of a rate: both
@@ -115,13 +80,14 @@ def compare_traffic(
     found: dict[str, dict[str, Result]] = {}
     for name, reading in zip(reading_names(readings), readings, strict=True):
         decisions = decisions_to_score(reading.decisions)
-        rows = _states(decisions, traffic) | _lanes(model, observe_lane_changes(reading, fast=SLOWEST), traffic)
+        seen = observe_lane_changes(reading, fast=SLOWEST)
+        rows = _states(decisions, traffic) | _lanes(model, seen, traffic, changes_per_mile)
         for quantity, row in rows.items():
             found.setdefault(quantity, {})[name] = row
     return found
 
 
-def _states(decisions: Decisions, traffic: SimulatedTraffic) -> dict[str, Result]:
+def _states(decisions: Decisions, q: Mapping[str, Quantity]) -> dict[str, Result]:
     """Compare the quantities that need only states."""
     fast = decisions.where((decisions.speed >= SLOWEST) & (decisions.speed < SPEED_GRID.upper))
     share = fast.size / max(decisions.size, 1)
@@ -129,19 +95,20 @@ def _states(decisions: Decisions, traffic: SimulatedTraffic) -> dict[str, Result
     follows = fast.gap <= _FREE_GAP
     led, alone = fast.where(follows), fast.where(~follows)
     closing = np.maximum(-led.range_rate, 0.0) / np.maximum(led.gap, 0.01)
-    q = traffic.quantities
+    speeds = speeds_of(q, SLOWEST)
+    speeds = speeds._replace(counts=np.tile(speeds.counts, (41, 1)))
     found: dict[str, Result] = {
-        "speed": _compare(fast, fast.speed, traffic.speed(), why)
+        "speed": _distance(fast, fast.speed, speeds, why)
         if why or share >= FREE_RUNNING_SHARE
         else {
             "not_compared": f"{1.0 - share:.0%} of the decisions are slower than {SLOWEST} m/s: congested or slow "
             "traffic has a speed of its own, of which the model says nothing."
         },
-        "gap": _compare(led, led.gap, q["gap"], why),
-        "time_gap": _compare(led, led.gap / np.maximum(led.speed, 0.1), q["time_gap"], why),
-        "range_rate": _compare(led, led.range_rate, q["range_rate"], why),
-        "acceleration_following": _compare(led, led.acceleration, q["acceleration_following"], why),
-        "acceleration_free": _compare(alone, alone.acceleration, q["acceleration_free"], why),
+        "gap": _distance(led, led.gap, q["gap"], why),
+        "time_gap": _distance(led, led.gap / np.maximum(led.speed, 0.1), q["time_gap"], why),
+        "range_rate": _distance(led, led.range_rate, q["range_rate"], why),
+        "acceleration_following": _distance(led, led.acceleration, q["acceleration_following"], why),
+        "acceleration_free": _distance(alone, alone.acceleration, q["acceleration_free"], why),
         "ttc_share_below": _ttc_shares(led, closing, q["inverse_ttc"], why),
     }
     if share < FREE_RUNNING_SHARE:
@@ -163,8 +130,7 @@ def _too_few(vehicles: int, number: int, what: str, fewest: int = FEWEST_OBSERVA
     )
 
 
-@dataclass(frozen=True)
-class _Matched:
+class _Matched(NamedTuple):
     """Recorded counts by vehicle and bin, shape (V, k), and what simulated traffic expects at the same speeds."""
 
     observed: Floats
@@ -172,7 +138,7 @@ class _Matched:
     left_out: int
 
 
-def _match(vehicle: Ints, speed: Floats, place: Ints, simulated: SimulatedQuantity) -> _Matched | None:
+def _match(vehicle: Ints, speed: Floats, place: Ints, simulated: Quantity) -> _Matched | None:
     """Match by speed; None if the simulated traffic has too few states at each of these speeds."""
     sizes = simulated.counts.sum(axis=1)
     speed_class = np.clip(np.floor(speed + 0.5), 0, sizes.size - 1).astype(np.int64)
@@ -188,19 +154,15 @@ def _match(vehicle: Ints, speed: Floats, place: Ints, simulated: SimulatedQuanti
     return _Matched(by_bin, by_speed @ shares, int((~known).sum()))
 
 
-def _compare(d: Decisions, values: Floats, simulated: SimulatedQuantity, why: str) -> Result:
-    """Compare one quantity of recorded decisions with simulated traffic at the same speeds."""
-    return _distance(d.vehicle, d.speed, values, simulated, why)
-
-
 def _distance(
-    vehicle: Ints,
-    speed: Floats,
+    of: Decisions | tuple[Ints, Floats],
     values: Floats,
-    simulated: SimulatedQuantity,
+    simulated: Quantity,
     why: str,
     fewest: int = FEWEST_OBSERVATIONS,
 ) -> Result:
+    """Compare one quantity of recorded decisions, or of vehicles and speeds, with simulated traffic at these speeds."""
+    vehicle, speed = of if isinstance(of, tuple) else (of.vehicle, of.speed)
     why = why or _too_few(np.unique(vehicle).size, values.size, "in such a state", fewest)
     if why:
         return {"not_compared": why}
@@ -213,16 +175,17 @@ def _distance(
         "speeds_not_simulated": matched.left_out,
         "low": simulated.low,
         "width": simulated.width,
-        "recorded": _shares(matched.observed, size),
-        "simulated": _shares(matched.expected, size),
+        "recorded": shares_of(matched.observed, size),
+        "simulated": shares_of(matched.expected, size),
     }
 
 
-def _shares(rows: Floats, size: float) -> list[float]:
+def shares_of(rows: Floats | Ints, size: float) -> list[float]:
+    """Give the shares of bins in all rows, (V, k), with 4 digits."""
     return [float(f"{share:.4g}") for share in rows.sum(axis=0) / size]
 
 
-def _ttc_shares(led: Decisions, inverse: Floats, simulated: SimulatedQuantity, why: str) -> Result:
+def _ttc_shares(led: Decisions, inverse: Floats, simulated: Quantity, why: str) -> Result:
     """Return the shares of following states with a TTC below some limits, recorded (with intervals) and simulated."""
     why = why or _too_few(np.unique(led.vehicle).size, led.size, "behind a leader")
     matched = None if why else _match(led.vehicle, led.speed, simulated.place(inverse), simulated)
@@ -243,7 +206,9 @@ def _ttc_shares(led: Decisions, inverse: Floats, simulated: SimulatedQuantity, w
     return {"decisions": led.size, "vehicles": int(np.unique(led.vehicle).size), "shares": rows}
 
 
-def _lanes(model: NddModel, seen: LaneObservations | None, traffic: SimulatedTraffic) -> dict[str, Result]:
+def _lanes(
+    model: NddModel, seen: LaneObservations | None, traffic: Mapping[str, Quantity], changes_per_mile: float
+) -> dict[str, Result]:
     """Compare the rate of lane changes and the accepted gaps."""
     names = ("lane_changes_per_mile", "accepted_lead_gap", "accepted_rear_gap")
     if seen is None:
@@ -257,15 +222,15 @@ def _lanes(model: NddModel, seen: LaneObservations | None, traffic: SimulatedTra
             f"({FEWEST_MILES:g} are needed): how often lanes are changed in slow traffic, or in a weaving section, "
             "says nothing of free-running traffic."
         )
-    rate |= _rate(changed, seen.miles, traffic.lane_changes_per_mile)
+    rate |= _rate(changed, seen.miles, changes_per_mile)
     found = {"lane_changes_per_mile": rate}
     for side, gap, closing in (("lead", seen.lead_gap, seen.lead_rate), ("rear", seen.rear_gap, seen.rear_rate)):
         known = np.isfinite(seen.speed) & ~np.isnan(gap) & np.isfinite(closing)
         use = known & fast
-        quantity = traffic.quantities[f"accepted_{side}_gap"]
+        quantity = traffic[f"accepted_{side}_gap"]
         what = f"changing lanes at {SLOWEST} m/s and above"
         why = _too_few(np.unique(seen.vehicle[use]).size, int(use.sum()), what, FEWEST_GAPS)
-        row = _distance(seen.vehicle[use], seen.speed[use], gap[use], quantity, why, FEWEST_GAPS)
+        row = _distance((seen.vehicle[use], seen.speed[use]), gap[use], quantity, why, FEWEST_GAPS)
         found[f"accepted_{side}_gap"] = row | _refused(getattr(model, f"lc_accept_{side}"), gap[known], closing[known])
     return found
 
@@ -336,7 +301,7 @@ def _cell(
         return None
     predict: Predictor
     if low >= SLOWEST:
-        predict, by = table_predictor(model), "table"
+        predict, by = partial(remembered_probabilities, model), "table"
     elif law is not None and state != "free":
         predict, by = law_predictor(law), "law"
     else:
@@ -349,8 +314,8 @@ def _cell(
         "recorded_mean_sd": _mean_sd(observed),
         "predicted_mean_sd": _mean_sd(predicted),
         **asdict(distance(observed, predicted, 0.2, "m/s2")),
-        "recorded": _shares(observed, part.size),
-        "predicted": _shares(predicted, part.size),
+        "recorded": shares_of(observed, part.size),
+        "predicted": shares_of(predicted, part.size),
     }
 
 

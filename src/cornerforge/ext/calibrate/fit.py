@@ -19,10 +19,9 @@ from cornerforge._checks import check_in, check_number
 from cornerforge.errors import DataError, InputError
 from cornerforge.ext.calibrate.decisions import Decisions, concatenate
 from cornerforge.ext.calibrate.lane_change import LaneChange
-from cornerforge.ext.calibrate.lane_fit import LANE_CHANGE_CHOICES, LaneChangeFit, fit_lane_changes
+from cornerforge.ext.calibrate.lane_fit import LANE_CHANGE_CHOICES, fit_lane_changes, notes_on
 from cornerforge.ext.calibrate.laws import FollowingLaw, IdmLaw, LogLaw, bin_index, fit_law, log_likelihood
-from cornerforge.ext.calibrate.parts import ModelPart, parts_of
-from cornerforge.ext.calibrate.predictors import fitted_idms
+from cornerforge.ext.calibrate.parts import parts_of
 from cornerforge.ext.calibrate.prior import (
     FREE_PULL,
     MEMORY,
@@ -32,12 +31,13 @@ from cornerforge.ext.calibrate.prior import (
     following_prior,
     free_prior,
 )
-from cornerforge.ext.calibrate.readers import Reading, read_decisions
-from cornerforge.ext.calibrate.report import FitReport
-from cornerforge.ext.calibrate.scores import grid_place, held_out_scores
+from cornerforge.ext.calibrate.readers import Reading, read_decisions, reading_names
+from cornerforge.ext.calibrate.scores import fitted_idms, grid_place, held_out_scores
 from cornerforge.ext.calibrate.traits import NoiseSpread, fit_noise_spread
 from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
+from cornerforge.results import as_json
+from cornerforge.results.naturalistic import BadRows, FitReport, FittedLaneChanges
 from cornerforge.types import ACCELERATIONS
 
 __all__ = ["DEFAULT_PRIOR_STRENGTH", "fit_model"]
@@ -105,7 +105,7 @@ def fit_model(
         read_decisions(paths, data_format, window_factor=window_factor),
         key=lambda reading: (reading.path.name, reading.sha256),
     )
-    _refuse_twins(readings)
+    reading_names(readings)  # refuses a file that is given twice
     decisions = concatenate([reading.decisions for reading in readings])
     training = decisions.where(~decisions.held_out)
     if training.size == 0:
@@ -114,40 +114,56 @@ def fit_model(
     log_law, baselines, too_few, notes = _fit_laws(training)
     idms = {name: asdict(idm) for name, idm in baselines.items()}
     tell("Fitting the lane changes")
-    changes = fit_lane_changes(readings, lane_changes)
+    lane_change, changes = fit_lane_changes(readings, lane_changes)
     noise = fit_noise_spread(training, log_law)
     safe, fast = _calmed(SafeLaw(log_law), training)
     laws: dict[str, FollowingLaw] = {"log": log_law, **baselines, "model": safe}
     tell("Making the tables")
-    origin = _provenance(readings, data_format, strength, safe, changes, noise) | {"idm": idms}
+    origin = _provenance(readings, data_format, strength, safe, lane_change, changes, noise) | {"idm": idms}
     initial = replace(InitialState(), noise_spread=noise.spread)
-    model, counted, counted_free = _assemble(safe, changes.law, initial, training, strength, origin)
+    model, counted, counted_free = _assemble(safe, lane_change, initial, training, strength, origin)
     parts = parts_of(
         training, too_few=too_few, fast=fast, counted=int(counted.sum()), counted_free=counted_free,
         strength=strength, changes=changes, noise=noise,
     )  # fmt: skip
     tell("Scoring the decisions held out")
     scores = held_out_scores(laws, model, {reading.path.name: reading.decisions for reading in readings})
-    return model, _report(readings, training, strength, counted, scores, notes, changes, parts)
+    total = int(counted.sum())
+    fastest = float(np.percentile(training.speed, 99.0))
+    weighted = float((counted * counted / (counted + strength)).sum() / total) if total else 0.0
+    more = [note for reading in readings for note in reading.notes]
+    return model, FitReport(
+        rows_read=sum(reading.table.rows_read for reading in readings),
+        rows_used=sum(reading.rows_used for reading in readings),
+        bad_rows={reading.path.name: _bad_rows(reading) for reading in readings},
+        decisions_fitted=training.size,
+        decisions_on_grid=total,
+        states=int((counted > 0).sum()),
+        states_total=int(counted.size),
+        data_share_of_states=float((counted / (counted + strength)).mean()),
+        data_share_where_data=weighted,
+        speed_99_percent=fastest,
+        held_out_log_likelihood=scores,
+        notes=(*notes, *more, *_always_true(fastest, total), *notes_on(changes)),
+        parts=parts,
+        lane_changes=changes,
+        sensitivity=(),
+    )
 
 
-def _refuse_twins(readings: Sequence[Reading]) -> None:
-    seen: dict[str, str] = {}
-    for reading in readings:
-        if reading.sha256 in seen:
-            raise InputError(f"{reading.path.name} and {seen[reading.sha256]} are the same file; name it once.")
-        seen[reading.sha256] = reading.path.name
+def _bad_rows(reading: Reading) -> dict[str, BadRows]:
+    return {reason: BadRows(rows=n, first_line=line) for reason, (n, line) in reading.table.bad.reasons.items()}
 
 
 def _nothing_to_fit(readings: Sequence[Reading], held_out: int) -> DataError:
     """Make the error for files with rows that give no decision to fit on."""
-    used, read = sum(reading.rows_used for reading in readings), sum(reading.rows_read for reading in readings)
+    used, read = sum(reading.rows_used for reading in readings), sum(reading.table.rows_read for reading in readings)
     made = f"{held_out} decision(s), all held out" if held_out else "no decision"
     vehicles = sum(reading.vehicles for reading in readings)
     faults = [
-        f"{reading.path.name}: {reason} ({rows} row(s), first at line {line})"
+        f"{reading.path.name}: {reason} ({bad.rows} row(s), first at line {bad.first_line})"
         for reading in readings
-        for reason, (rows, line) in reading.bad.reasons.items()
+        for reason, bad in _bad_rows(reading).items()
     ]
     return DataError(
         f"No decision is left to fit on: {used} usable of {read} row(s) make {made}. They are of {vehicles} "
@@ -277,11 +293,12 @@ def _provenance(
     data_format: str,
     strength: float,
     safe: SafeLaw,
-    changes: LaneChangeFit,
+    lane_change: LaneChange,
+    changes: FittedLaneChanges,
     noise: NoiseSpread,
 ) -> dict[str, object]:
     """Describe the model's origin, without times and folders, so that the same data give the same file."""
-    fitted = {"lane_change_fit": changes.to_json()} if changes.fitted else {}
+    fitted = {"lane_change_fit": as_json(changes)} if changes.fitted else {}
     fitted |= {"noise_spread_fit": asdict(noise)} if noise.fitted else {}
     return fitted | {
         "made_by": f"cornerforge {importlib.metadata.version('cornerforge')}",
@@ -294,7 +311,7 @@ def _provenance(
                 "sha256": reading.sha256,
                 "layout": reading.layout.name,
                 "smoothing_window_s": reading.layout.window,
-                "rows_read": reading.rows_read,
+                "rows_read": reading.table.rows_read,
                 "rows_used": reading.rows_used,
                 "decisions_fitted": int((~reading.decisions.held_out).sum()),
                 "decisions_held_out": int(reading.decisions.held_out.sum()),
@@ -304,49 +321,8 @@ def _provenance(
         "settings": {"prior_strength": strength, "support_sd": SUPPORT_SD},
         "following": asdict(safe),
         "free": asdict(FreeFlow()),
-        "lane_change": asdict(changes.law),
+        "lane_change": asdict(lane_change),
     }
-
-
-def _report(
-    readings: Sequence[Reading],
-    training: Decisions,
-    strength: float,
-    counted: NDArray[np.int64],
-    scores: dict[str, dict[str, float]],
-    notes: list[str],
-    changes: LaneChangeFit,
-    parts: tuple[ModelPart, ...],
-) -> FitReport:
-    total = int(counted.sum())
-    weighted = float((counted * counted / (counted + strength)).sum() / total) if total else 0.0
-    fastest = float(np.percentile(training.speed, 99.0))
-    return FitReport(
-        rows_read=sum(reading.rows_read for reading in readings),
-        rows_used=sum(reading.rows_used for reading in readings),
-        bad_rows={
-            reading.path.name: {
-                reason: {"rows": count, "first_line": line} for reason, (count, line) in reading.bad.reasons.items()
-            }
-            for reading in readings
-        },
-        decisions_fitted=training.size,
-        decisions_on_grid=total,
-        states=int((counted > 0).sum()),
-        states_total=int(counted.size),
-        data_share_of_states=float((counted / (counted + strength)).mean()),
-        data_share_where_data=weighted,
-        speed_99_percent=fastest,
-        held_out_log_likelihood=scores,
-        notes=(
-            *notes,
-            *(note for reading in readings for note in reading.notes),
-            *_always_true(fastest, total),
-            *changes.notes(),
-        ),
-        parts=parts,
-        lane_changes=changes,
-    )
 
 
 def _always_true(fastest: float, on_grid: int) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ vehicle has the neighbours that it would have on a longer road.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -33,13 +33,14 @@ __all__ = [
     "WHOLE",
     "FreeRunning",
     "FreeTraffic",
+    "Quantity",
     "Window",
     "free_running_odd",
     "is_counted",
     "joined",
-    "lower_rate",
     "quantities_of",
     "simulate_free_running",
+    "speeds_of",
     "upper_rate",
 ]
 
@@ -228,10 +229,41 @@ def simulate_free_running(
     return FreeTraffic(parts, tuple(pairs))
 
 
-def quantities_of(parts: Sequence[FreeRunning]) -> dict[str, tuple[statistics.HistogramGrid, NDArray[np.int64]]]:
-    """Sum the quantities by speed class over all windows: name -> grid and counts (41, bins)."""
-    joint = sum((part.total().joint for part in parts), np.zeros_like(statistics.allocate_counts().joint))
-    return {grid.name: (grid, joint[row, :, : grid.bins]) for row, grid in enumerate(statistics.JOINT)}
+class Quantity(NamedTuple):
+    """A quantity of simulated traffic by speed.
+
+    Attributes:
+        unit: Unit of the quantity.
+        low, width: First edge and width of the bins.
+        counts: States by speed class (0, 1, ... m/s, to the nearest) and bin, shape (41, k); the end bins hold what
+            lies beyond.
+    """
+
+    unit: str
+    low: float
+    width: float
+    counts: NDArray[np.int64]
+
+    def place(self, values: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Return the bin of each value, shape (n,)."""
+        found = np.floor((np.minimum(values, 1e6) - self.low) / self.width)
+        return np.asarray(np.clip(found, 0, self.counts.shape[1] - 1), dtype=np.int64)
+
+
+def quantities_of(part: FreeRunning) -> dict[str, Quantity]:
+    """Give the quantities of a window by name."""
+    joint = part.total().joint
+    return {
+        grid.name: Quantity(grid.unit, grid.low, grid.width, joint[row, :, : grid.bins])
+        for row, grid in enumerate(statistics.JOINT)
+    }
+
+
+def speeds_of(quantities: Mapping[str, Quantity], slowest: float = 0.0) -> Quantity:
+    """Make the speeds from `slowest` on, in classes of 1 m/s, not matched by speed: one row holds all of them."""
+    both = [quantities[f"acceleration_{kind}"].counts.sum(axis=1) for kind in ("following", "free")]
+    counts = np.where(np.arange(41) < int(slowest + 0.5), 0, sum(both))
+    return Quantity("m/s", -0.5, 1.0, counts[None])
 
 
 def upper_rate(events: int, exposure: float, confidence: float = 0.95) -> float:
@@ -245,14 +277,3 @@ def upper_rate(events: int, exposure: float, confidence: float = 0.95) -> float:
     from scipy.special import chdtri
 
     return float(chdtri(2.0 * (events + 1.0), 1.0 - confidence) / 2.0 / exposure)
-
-
-def lower_rate(events: int, exposure: float, confidence: float = 0.95) -> float:
-    """Return the exact one-sided lower bound of a Poisson rate; 0 for no events. Source as for `upper_rate`.
-
-    >>> lower_rate(0, 1e6), round(lower_rate(1, 1e6) * 1e6, 4)
-    (0.0, 0.0513)
-    """
-    from scipy.special import chdtri
-
-    return float(chdtri(2.0 * events, confidence) / 2.0 / exposure) if events else 0.0

@@ -19,10 +19,8 @@ import numpy as np
 from cornerforge._files import check_regular
 from cornerforge.errors import DataError
 
-__all__ = ["FRAMES_PER_SECOND", "RecordingMeta", "is_companion", "read_classes", "read_recording_meta"]
+__all__ = ["RecordingMeta", "is_companion", "read_classes", "read_recording_meta"]
 
-FRAMES_PER_SECOND = 25.0
-"""Frame rate of every published highD recording; used without a meta file."""
 _COMPANIONS = re.compile(r".*_(recordingmeta|tracksmeta)\.csv(\.gz)?", re.IGNORECASE)
 _TRACKS = re.compile(r"(.*)_tracks\.csv(\.gz)?", re.IGNORECASE)
 _WIDEST_LANE = 7.0
@@ -34,22 +32,21 @@ class RecordingMeta:
 
     Attributes:
         frames_per_second: Frame rate.
-        lane_width: Median over all lanes [m]; NaN where no markings are given.
         upper, lower: Lane markings of the two directions, as `y` in the tracks, rising [m]; empty: not given. Traffic
             of the upper ones drives towards falling `x`.
     """
 
     frames_per_second: float = field(metadata={"unit": "1/s"})
-    lane_width: float = field(metadata={"unit": "m"})
     upper: tuple[float, ...] = field(default=(), metadata={"unit": "m"})
     lower: tuple[float, ...] = field(default=(), metadata={"unit": "m"})
 
     def notes(self, file: str) -> list[str]:
         """Return a note if lanes are too wide to be in metres: 3.5 to 4 m are 11 to 13 ft."""
-        if not self.lane_width > _WIDEST_LANE:
+        widths = np.concatenate([np.diff(self.upper), np.diff(self.lower)])
+        if not widths.size or np.median(widths) <= _WIDEST_LANE:
             return []
         return [
-            f"{file}: lanes are {self.lane_width:.1f} m wide, where 3.5 to 4 m are usual: is the recording in feet? "
+            f"{file}: lanes are {np.median(widths):.1f} m wide, where 3.5 to 4 m are usual: is the recording in feet? "
             "Convert it to metres first (1 ft = 0.3048 m)."
         ]
 
@@ -80,8 +77,7 @@ def read_recording_meta(tracks: Path) -> RecordingMeta | None:
         raise DataError(
             f'Recording meta file {path} has frameRate "{text}", line 2; a number from 1 to 1000 is needed.'
         )
-    upper, lower = _markings(row.get("upperLaneMarkings")), _markings(row.get("lowerLaneMarkings"))
-    return RecordingMeta(rate, _lane_width([upper, lower]), upper, lower)
+    return RecordingMeta(rate, _markings(row.get("upperLaneMarkings")), _markings(row.get("lowerLaneMarkings")))
 
 
 def read_classes(tracks: Path) -> dict[str, str]:
@@ -132,9 +128,3 @@ def _markings(text: str | None) -> tuple[float, ...]:
         return tuple(sorted(float(part) for part in (text or "").split(";") if part.strip()))
     except ValueError:
         return ()
-
-
-def _lane_width(markings: list[tuple[float, ...]]) -> float:
-    """Return the median distance of neighbouring markings."""
-    widths = np.concatenate([np.diff(positions) for positions in markings])
-    return float(np.median(widths)) if widths.size else float("nan")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib.metadata
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +19,22 @@ from numpy.typing import NDArray
 from cornerforge.errors import FileFormatError
 from cornerforge.ext.calibrate.ivbss_files import ROLES, check_array, find_arrays, load_array, load_coordinates
 from cornerforge.ext.calibrate.ivbss_initial import fit_gaps, fit_speeds, speed_law
-from cornerforge.ext.calibrate.ivbss_lane_change import LAST_AXIS, Cells, cells_of, reduce_lane_changes, table_shape
-from cornerforge.ext.calibrate.ivbss_rows import checked_cumulative, checked_rows
+from cornerforge.ext.calibrate.ivbss_tables import (
+    LAST_AXIS,
+    Cells,
+    cells_of,
+    checked_cumulative,
+    checked_rows,
+    reduce_lane_changes,
+    table_shape,
+)
 from cornerforge.ext.calibrate.tables import file_sha256
 from cornerforge.ndd.memory import Memory
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel, model_hash
+from cornerforge.results.naturalistic import ImportReport
 from cornerforge.types import N_ACCELERATIONS
 
-__all__ = ["ImportReport", "import_arrays"]
+__all__ = ["import_arrays"]
 
 Floats = NDArray[np.float64]
 
@@ -46,36 +54,6 @@ _NEVER_IN_FILES = (
     "overlook_conflict",
 )
 """Parts of a model that no published array holds; the released code has some as constants (following share 0.682)."""
-
-
-@dataclass(frozen=True)
-class ImportReport:
-    """The source of each part of an imported model.
-
-    Attributes:
-        files: For each array found: `name`, `sha256`, and its treatment (rows, empty, renormalised, filled, misfit; see
-            `ivbss_rows`, `ivbss_lane_change`, `ivbss_initial`).
-        missing: Arrays that no file holds; what depends on them comes from the base model.
-        filled: Everything that comes from the base model, in plain words.
-        unused: Files that were not used because a preferred file holds the same array.
-        notes: What a reader must know, one plain sentence each.
-    """
-
-    files: Mapping[str, Mapping[str, Any]]
-    missing: tuple[str, ...]
-    filled: tuple[str, ...]
-    unused: tuple[str, ...]
-    notes: tuple[str, ...]
-
-    def to_json(self) -> dict[str, Any]:
-        """All fields, JSON-compatible."""
-        return {
-            "files": {role: dict(entry) for role, entry in self.files.items()},
-            "missing": list(self.missing),
-            "filled": list(self.filled),
-            "unused": list(self.unused),
-            "notes": list(self.notes),
-        }
 
 
 def import_arrays(
@@ -121,8 +99,15 @@ def import_arrays(
     model, entries = _with_initial(model, paths)
     for role, numbers in entries.items():
         files[role] |= numbers
-    report = _report(files, [path.name for path in unused])
-    return replace(model, provenance=_provenance(report, base)), report
+    filled = _filled(files)
+    model = replace(model, provenance=_provenance(files, filled, base))
+    notes = [*_NOTES]
+    if "lc_both" in files:
+        notes.append("The lane-change table with both adjacent vehicles is compared with the product, not used.")
+    return model, ImportReport(
+        files=files, missing=tuple(role for role in ROLES if role not in files), filled=tuple(filled),
+        unused=tuple(path.name for path in unused), notes=tuple(notes), model_hash=model_hash(model),
+    )  # fmt: skip
 
 
 def _as_theirs(base: NddModel) -> NddModel:
@@ -152,19 +137,21 @@ def _as_theirs(base: NddModel) -> NddModel:
     )  # fmt: skip
 
 
-def _accelerations(path: Path, own: NDArray[np.float32], role: str) -> tuple[NDArray[np.float32], Mapping[str, int]]:
+def _accelerations(path: Path, own: NDArray[np.float32], role: str) -> tuple[NDArray[np.float32], dict[str, int]]:
     """Load the table of `path` onto our axes and fill its empty rows from `own`."""
-    array = load_array(path)
-    shapes = (_PUBLISHED, _FOLLOWING) if role == "following" else ((SPEEDS.size, N_ACCELERATIONS),)
-    if array.shape not in shapes:
-        wanted = " or ".join(str(shape) for shape in shapes)
-        raise FileFormatError(f"{path} has shape {array.shape}; expected {wanted}.")
-    table = np.asarray(array, dtype=np.float64)
+    table = _shaped(path, *((_PUBLISHED, _FOLLOWING) if role == "following" else ((SPEEDS.size, N_ACCELERATIONS),)))
     rows, known, counts = checked_rows(path.name, table)
-    if array.shape == _PUBLISHED:  # (gap, range rate, speed, acceleration)
+    if table.shape == _PUBLISHED:  # (gap, range rate, speed, acceleration)
         rows, known = np.moveaxis(rows, 2, 0), np.moveaxis(known, 2, 0)
     filled = np.where(known[..., None], rows, own)
-    return np.ascontiguousarray(filled, dtype=np.float32), counts.to_json()
+    return np.ascontiguousarray(filled, dtype=np.float32), counts
+
+
+def _shaped(path: Path, *shapes: tuple[int, ...]) -> Floats:
+    array = load_array(path)
+    if array.shape not in shapes:
+        raise FileFormatError(f"{path} has shape {array.shape}; expected {' or '.join(map(str, shapes))}.")
+    return np.asarray(array, dtype=np.float64)
 
 
 def _with_initial(model: NddModel, paths: Mapping[str, Path]) -> tuple[NddModel, dict[str, dict[str, Any]]]:
@@ -172,18 +159,12 @@ def _with_initial(model: NddModel, paths: Mapping[str, Path]) -> tuple[NddModel,
     initial, entries = model.initial, dict[str, dict[str, Any]]()
     speeds = speed_law(initial)
     if "initial_speed" in paths:
-        path = paths["initial_speed"]
-        rows, known, counts = _cumulative(path, [(SPEEDS.size,)], 1)
-        if not known.all():
-            raise FileFormatError(f"{path} is all zeros.")
-        speeds = rows[0]
+        (speeds,), counts = _cumulative(paths["initial_speed"], 1, (SPEEDS.size,))
         initial, found = fit_speeds(speeds, initial)
         entries["initial_speed"] = {"renormalised": counts["renormalised"], **found}
     if "initial_gap" in paths:
-        path = paths["initial_gap"]
-        rows, known, counts = _cumulative(path, [(SPEEDS.size, _STATES), (SPEEDS.size, *_FOLLOWING[1:3])], SPEEDS.size)
-        if not known.any():
-            raise FileFormatError(f"{path} is all zeros.")
+        shapes = (SPEEDS.size, _STATES), (SPEEDS.size, *_FOLLOWING[1:3])
+        rows, counts = _cumulative(paths["initial_gap"], SPEEDS.size, *shapes)
         initial, found = fit_gaps(rows.reshape(_FOLLOWING[:3]), speeds, initial)
         entries["initial_gap"] = {**counts, **found}
     return replace(model, initial=initial), {role: _rounded(entry) for role, entry in entries.items()}
@@ -194,14 +175,12 @@ def _rounded(entry: Mapping[str, Any]) -> dict[str, Any]:
     return {key: round(value, 9) if isinstance(value, float) else value for key, value in entry.items()}
 
 
-def _cumulative(
-    path: Path, shapes: list[tuple[int, ...]], rows: int
-) -> tuple[Floats, NDArray[np.bool_], Mapping[str, int]]:
-    array = load_array(path)
-    if array.shape not in shapes:
-        raise FileFormatError(f"{path} has shape {array.shape}; expected {' or '.join(str(s) for s in shapes)}.")
-    table, known, counts = checked_cumulative(path.name, np.asarray(array, dtype=np.float64).reshape(rows, -1))
-    return table, known, counts.to_json()
+def _cumulative(path: Path, rows: int, *shapes: tuple[int, ...]) -> tuple[Floats, dict[str, int]]:
+    """Read cumulative probabilities as probabilities, (rows, k), with counts of the rows."""
+    table, known, counts = checked_cumulative(path.name, _shaped(path, *shapes).reshape(rows, -1))
+    if not known.any():
+        raise FileFormatError(f"{path} is all zeros.")
+    return table, counts
 
 
 _OURS_WITHOUT = {
@@ -216,33 +195,32 @@ _OURS_WITHOUT = {
 """Parts from the base model if an array is missing; the table with both adjacent vehicles is only compared."""
 
 
-def _report(files: Mapping[str, Mapping[str, Any]], unused: list[str]) -> ImportReport:
-    missing = tuple(role for role in ROLES if role not in files)
-    filled = [f"{_OURS_WITHOUT[role]} (no file)" for role in missing if role in _OURS_WITHOUT]
+_NOTES = (
+    "Lane changes are a product of base, desire and two acceptances; what the tables hold beyond that is lost (misfit: "
+    "sum of |table - product| over the sum of the table).",
+    "The initial state is a law of few parameters fitted to the tables (misfit: total variation distance).",
+    "States without data are ours; the released code drives them by IDM and MOBIL.",
+)
+
+
+def _filled(files: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Name what comes from the base model."""
+    filled = [f"{what} (no file)" for role, what in _OURS_WITHOUT.items() if role not in files]
     for role, entry in files.items():
         for key, what in (("empty", "row(s)"), ("speeds_filled", "speed(s)"), ("states_filled", "state(s)")):
             if entry.get(key) and role != "initial_gap":
-                filled.append(f"{ROLES[role].about}: {entry[key]} {what} without data")
-    filled += [f"{name} (in no published array)" for name in _NEVER_IN_FILES]
-    notes = [
-        "Lane changes are a product of base, desire and two acceptances; what the tables hold beyond that is lost "
-        "(misfit: sum of |table - product| over the sum of the table).",
-        "The initial state is a law of few parameters fitted to the tables (misfit: total variation distance).",
-        "States without data are ours; the released code drives them by IDM and MOBIL.",
-    ]
-    if "lc_both" in files:
-        notes.append("The lane-change table with both adjacent vehicles is compared with the product, not used.")
-    return ImportReport(files, missing, tuple(filled), tuple(unused), tuple(notes))
+                filled.append(f"{ROLES[role][0]}: {entry[key]} {what} without data")
+    return filled + [f"{name} (in no published array)" for name in _NEVER_IN_FILES]
 
 
-def _provenance(report: ImportReport, base: NddModel) -> dict[str, object]:
+def _provenance(files: Mapping[str, Mapping[str, Any]], filled: list[str], base: NddModel) -> dict[str, object]:
     """Describe the model's origin, without times and folders, so that the same files give the same bytes."""
     return {
         "made_by": f"cornerforge {importlib.metadata.version('cornerforge')}",
         "attribution": _ATTRIBUTION,
         "licence": _LICENCE,
         "format": "ivbss",
-        "files": [{"role": role, **entry} for role, entry in report.files.items()],
-        "filled": list(report.filled),
+        "files": [{"role": role, **entry} for role, entry in files.items()],
+        "filled": filled,
         "filled_from": {"model_hash": model_hash(base), "attribution": base.provenance.get("attribution")},
     }

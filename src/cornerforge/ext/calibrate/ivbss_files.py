@@ -10,8 +10,8 @@ import pickle
 import re
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,51 +20,38 @@ from cornerforge._checksums import UNREADABLE
 from cornerforge._words import shown
 from cornerforge.errors import FileFormatError
 
-__all__ = ["ROLES", "Coordinates", "Role", "check_array", "find_arrays", "load_array", "load_coordinates"]
+__all__ = ["ROLES", "Coordinates", "check_array", "find_arrays", "load_array", "load_coordinates"]
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Role:
-    """One of the arrays.
-
-    Attributes:
-        about: Its meaning in words, for reports.
-        patterns: Regular expressions of file names, the preferred one first.
-    """
-
-    about: str
-    patterns: tuple[str, ...]
-
-
-ROLES: Mapping[str, Role] = {
-    "following": Role("car following", (r"Optimized_CF_pdf_array\.npy", r"CF_pdf_array\.npy")),
-    "free": Role("free flow", (r"Optimized_FF_pdf_array\.npy", r"FF_pdf_array\.npy")),
-    "lc_alone": Role(
+ROLES: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    "following": ("car following", (r"Optimized_CF_pdf_array\.npy", r"CF_pdf_array\.npy")),
+    "free": ("free flow", (r"Optimized_FF_pdf_array\.npy", r"FF_pdf_array\.npy")),
+    "lc_alone": (
         "lane change, no adjacent vehicle",
         (r"(.*_)?OL_pdf.*\.npz", r"(.*_)?OL_pdf.*\.npy", r"Lane_change_no_adjacent_vehicle_pdf\.np[yz]"),
     ),
-    "lc_lead": Role(
+    "lc_lead": (
         "lane change, an adjacent vehicle ahead",
         (r"(.*_)?SLC_pdf.*\.npz", r"(.*_)?SLC_pdf.*\.npy", r"Lane_change_one_adjacent_vehicle_pdf\.np[yz]"),
     ),
-    "lc_rear": Role(
+    "lc_rear": (
         "lane change, an adjacent vehicle behind",
         (r"(.*_)?CI_pdf.*\.npz", r"(.*_)?CI_pdf.*\.npy", r"Lane_change_cut-in_pdf\.np[yz]"),
     ),
-    "lc_both": Role(
+    "lc_both": (
         "lane change, adjacent vehicles ahead and behind",
         (r"(.*_)?DLC_pdf.*\.npz", r"(.*_)?DLC_pdf.*\.npy", r"Lane_change_two_adjacent_vehicles_pdf\.np[yz]"),
     ),
-    "initial_speed": Role("speeds at the start", (r"speed_CDF\.npy",)),
-    "initial_gap": Role(
+    "initial_speed": ("speeds at the start", (r"speed_CDF\.npy",)),
+    "initial_gap": (
         "gaps and range rates at the start",
         (r"Optimized_presum_list_forward\.npy", r"presum_list_forward\.npy"),
     ),
 }
-"""The known arrays by our names."""
+"""The known arrays by our names: meaning in words, and regular expressions of file names, the preferred one first."""
 
 _ENDINGS = (".npy", ".npz", ".pkl", ".pickle")
 
@@ -83,19 +70,19 @@ def find_arrays(folder: Path) -> tuple[dict[str, Path], list[Path]]:
     files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in _ENDINGS and path.is_file())
     taken: dict[str, Path] = {}
     left: list[Path] = []
-    for role, about in ROLES.items():
-        for pattern in about.patterns:
+    for role, (about, patterns) in ROLES.items():
+        for pattern in patterns:
             fits = [path for path in files if re.fullmatch(pattern, path.name)]
             if role in taken:
                 left += fits
             elif len(fits) > 1:
                 raise FileFormatError(
-                    f"{folder} holds {len(fits)} files for {about.about}: {_names(fits, folder)}; leave one there."
+                    f"{folder} holds {len(fits)} files for {about}: {_names(fits, folder)}; leave one there."
                 )
             elif fits:
                 taken[role] = fits[0]
         if role not in taken:
-            _refuse_pickles(files, about.patterns)
+            _refuse_pickles(files, patterns)
     if not taken:
         wanted = "Optimized_CF_pdf_array.npy, Optimized_FF_pdf_array.npy, ..._OL_pdf....npz, speed_CDF.npy"
         raise FileFormatError(f"{folder} holds none of the published arrays (such as {wanted}).")
@@ -154,8 +141,7 @@ def _unreadable(path: Path, error: Exception) -> FileFormatError:
     return FileFormatError(f"{path} is damaged or no array ({error}); fetch it again.")
 
 
-@dataclass(frozen=True)
-class Coordinates:
+class Coordinates(NamedTuple):
     """An array by its entries that are not 0.
 
     Attributes:

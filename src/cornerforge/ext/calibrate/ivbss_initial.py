@@ -27,17 +27,12 @@ _FLOOR = 1e-9
 _OPTIONS = {"xatol": 1e-7, "fatol": 1e-10, "maxiter": 4000}
 
 
-def _phi(z: Floats) -> Floats:
-    """Evaluate the standard normal distribution function."""
-    from scipy.special import ndtr
-
-    return np.asarray(ndtr(z), dtype=np.float64)
-
-
 def speed_law(initial: InitialState) -> Floats:
     """Compute P(speed) on the grid, shape (21,): the normal, cut to [speed_low, speed_high]."""
+    from scipy.special import ndtr
+
     edges = np.clip(SPEED_GRID.edges(), initial.speed_low, initial.speed_high)
-    mass = np.diff(_phi((edges - initial.speed_mean) / math.hypot(initial.stream_sd, initial.speed_sd)))
+    mass = np.diff(ndtr((edges - initial.speed_mean) / math.hypot(initial.stream_sd, initial.speed_sd)))
     return np.asarray(mass / max(float(mass.sum()), _TINY))
 
 
@@ -49,17 +44,19 @@ def gap_law(initial: InitialState) -> Floats:
     As in the simulator, times to collision below `min_ttc` and leaders slower than `speed_low` or faster than
     `speed_high` are impossible. A speed at which nothing is possible has a row of zeros.
     """
+    from scipy.special import ndtr
+
     speed, gap = SPEEDS[:, None], GAPS[None, 1:]
     beyond = np.maximum(GAP_GRID.edges()[None, 1:] / speed - initial.time_gap_shift, _TINY)
     edges = np.log(beyond / initial.time_gap_median)
-    by_gap = np.diff(_phi(edges / initial.time_gap_sigma), axis=1)
+    by_gap = np.diff(ndtr(edges / initial.time_gap_sigma), axis=1)
     scale = np.minimum(initial.rr_scale * (gap / 20.0) ** initial.rr_exponent, initial.speed_sd)[..., None]
     kept = np.sqrt(1.0 - (scale / initial.speed_sd) ** 2)
     between = initial.stream_sd**2 / (initial.stream_sd**2 + initial.speed_sd**2)
     centre = (kept - 1.0) * (1.0 - between) * (speed[..., None] - initial.speed_mean)
     scale = np.hypot(scale, (1.0 - kept) * initial.speed_sd * math.sqrt(between))
     rates = RANGE_RATE_GRID.edges()
-    by_rate = np.diff(_phi((rates - centre) / scale), axis=2)
+    by_rate = np.diff(ndtr((rates - centre) / scale), axis=2)
     mass = np.zeros((SPEEDS.size, GAPS.size, RANGE_RATES.size))
     mass[:, 1:] = by_gap[..., None] * by_rate
     mass *= _possible(initial)
@@ -73,10 +70,6 @@ def _possible(initial: InitialState) -> NDArray[np.bool_]:
     slow_enough = GAPS[:, None] >= -initial.min_ttc * RANGE_RATES
     inside = (lead >= initial.speed_low) & (lead <= initial.speed_high)
     return np.asarray(inside & slow_enough & (GAPS[:, None] > 0.0))
-
-
-def _distance(p: Floats, q: Floats) -> float:
-    return 0.5 * float(np.abs(p - q).sum())
 
 
 def fit_speeds(table: Floats, start: InitialState) -> tuple[InitialState, dict[str, float]]:
@@ -97,7 +90,7 @@ def fit_speeds(table: Floats, start: InitialState) -> tuple[InitialState, dict[s
     )
     mean = float(table @ SPEEDS)
     sd = float(np.sqrt(table @ (SPEEDS - mean) ** 2))
-    return fitted, {"misfit": _distance(table, speed_law(fitted)), "mean": mean, "sd": sd}
+    return fitted, {"misfit": 0.5 * float(np.abs(table - speed_law(fitted)).sum()), "mean": mean, "sd": sd}
 
 
 def fit_gaps(table: Floats, speeds: Floats, start: InitialState) -> tuple[InitialState, dict[str, float]]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,17 +19,20 @@ from cornerforge._checks import check_in
 from cornerforge.ext.calibrate.lane_change import LaneChange
 from cornerforge.ext.calibrate.lane_risk import BEGINS_BEFORE, SecondsAtRisk, joined_seconds, seconds_at_risk
 from cornerforge.ext.calibrate.readers import Reading
+from cornerforge.ext.calibrate.scores import gap_seen
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID
+from cornerforge.results.naturalistic import FittedLaneChanges, FittedLaneNumber
 
 __all__ = [
     "FEWEST_CHANGES",
     "LANE_CHANGE_CHOICES",
     "WIDTHS",
-    "FittedNumber",
-    "LaneChangeFit",
     "change_chances",
     "fit_lane_changes",
     "maximise",
+    "not_fitted",
+    "notes_on",
+    "told_by_data",
 ]
 
 Floats = NDArray[np.float64]
@@ -55,102 +58,47 @@ _UNTOLD = 0.75
 """Share of the prior's interval; a parameter with a wider interval is reported as hardly determined by the data."""
 
 
-@dataclass(frozen=True)
-class FittedNumber:
-    """One fitted parameter.
-
-    Attributes:
-        estimate: Where the penalised likelihood is greatest, with 4 significant digits.
-        interval95: Its 95 % interval, from the curvature.
-        prior: The shipped value.
-        prior_interval95: The interval with which the prior enters.
-        unit: Unit of all these numbers, "" for none.
-    """
-
-    estimate: float
-    interval95: tuple[float, float]
-    prior: float
-    prior_interval95: tuple[float, float]
-    unit: str
-
-    @property
-    def told_by_data(self) -> bool:
-        """The data narrow the prior's interval by at least a quarter, on a logarithmic scale."""
-        low, high = self.interval95
-        prior_low, prior_high = self.prior_interval95
-        return math.log(high / low) < _UNTOLD * math.log(prior_high / prior_low)
-
-
-@dataclass(frozen=True)
-class LaneChangeFit:
-    """Sources of the lane changes of a model.
-
-    Attributes:
-        law: Law of the model.
-        fitted: It was fitted; else it is the shipped prior.
-        why: Why it is the prior; empty if it was fitted.
-        changes: Lane changes fitted to, or that could have been.
-        seconds: Seconds at risk, each to one side, changes among them.
-        vehicles: Drivers of these seconds.
-        speed_median: Median speed in these seconds [m/s]; NaN without any.
-        left_out: Reason -> seconds left out, changes among them.
-        changes_left_out: Reason -> changes left out.
-        numbers: Name -> fitted parameter; empty for the prior.
-    """
-
-    law: LaneChange = field(default_factory=LaneChange)
-    fitted: bool = False
-    why: str = "no file was looked at"
-    changes: int = 0
-    seconds: int = 0
-    vehicles: int = 0
-    speed_median: float = field(default=math.nan, metadata={"unit": "m/s"})
-    left_out: Mapping[str, int] = field(default_factory=dict)
-    changes_left_out: Mapping[str, int] = field(default_factory=dict)
-    numbers: Mapping[str, FittedNumber] = field(default_factory=dict)
-
-    def to_json(self) -> dict[str, object]:
-        """All fields but the law, JSON-compatible; null for an unknown speed."""
-        said = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "law"}
-        return said | {
-            "speed_median": self.speed_median if math.isfinite(self.speed_median) else None,
-            "numbers": {name: asdict(number) for name, number in self.numbers.items()},
-        }
-
-    def notes(self) -> tuple[str, ...]:
-        """Describe in plain sentences the fit and the left-out changes; `parts` says where the rest comes from."""
-        if not self.fitted:
-            return self._left_out()
-        untold = [name for name, number in self.numbers.items() if not number.told_by_data]
-        hardly = f" These files hardly tell {', '.join(untold)}: as in the prior, give or take." if untold else ""
-        return (
-            f"Lane changes: fitted to {self.changes} changes in {self.seconds:,} seconds at risk (each to one side, "
-            f"median speed {self.speed_median:.1f} m/s) of {self.vehicles} vehicles; "
-            f"{', '.join(_told(name, number) for name, number in self.numbers.items())}.{hardly}",
-            "The intervals of the lane changes are from the curvature of the likelihood with its prior. They leave out "
-            f"errors of the tracks, differences between drivers, that a change is taken to begin {BEGINS_BEFORE:g} s "
-            "before the crossing, and that nobody sees who gave way. Parameters not named are as shipped. Changes that "
-            "a ramp forces count as wishes.",
-            *self._left_out(),
-        )
-
-    def _left_out(self) -> tuple[str, ...]:
-        if not self.left_out:
-            return ()
-        each = (
-            f"{reason}: {seconds:,} ({self.changes_left_out.get(reason, 0)})"
-            for reason, seconds in self.left_out.items()
-        )
-        return (f"Left out of the lane changes, seconds (changes among them): {'; '.join(each)}.",)
-
-
-def _told(name: str, number: FittedNumber) -> str:
+def told_by_data(number: FittedLaneNumber) -> bool:
+    """Tell whether the data narrow the prior's interval by at least a quarter, on a logarithmic scale."""
     low, high = number.interval95
-    unit = f" {number.unit}" if number.unit else ""
-    return f"{name} {number.estimate:.3g} ({low:.3g} to {high:.3g}; prior {number.prior:.3g}){unit}"
+    prior_low, prior_high = number.prior_interval95
+    return math.log(high / low) < _UNTOLD * math.log(prior_high / prior_low)
 
 
-def fit_lane_changes(readings: Sequence[Reading], choice: str = "fit") -> LaneChangeFit:
+def notes_on(fit: FittedLaneChanges) -> tuple[str, ...]:
+    """Describe in plain sentences the fit and the left-out changes; `parts` says where the rest comes from."""
+    each = [f"{why}: {seconds:,} ({fit.changes_left_out.get(why, 0)})" for why, seconds in fit.left_out.items()]
+    left = (f"Left out of the lane changes, seconds (changes among them): {'; '.join(each)}.",) if each else ()
+    if not fit.fitted:
+        return left
+    untold = [name for name, number in fit.numbers.items() if not told_by_data(number)]
+    hardly = f" These files hardly tell {', '.join(untold)}: as in the prior, give or take." if untold else ""
+    return (
+        f"Lane changes: fitted to {fit.changes} changes in {fit.seconds:,} seconds at risk (each to one side, "
+        f"median speed {fit.speed_median:.1f} m/s) of {fit.vehicles} vehicles; "
+        f"{', '.join(_told(name, number) for name, number in fit.numbers.items())}.{hardly}",
+        "The intervals of the lane changes are from the curvature of the likelihood with its prior. They leave out "
+        f"errors of the tracks, differences between drivers, that a change is taken to begin {BEGINS_BEFORE:g} s "
+        "before the crossing, and that nobody sees who gave way. Parameters not named are as shipped. Changes that "
+        "a ramp forces count as wishes.",
+        *left,
+    )
+
+
+def _told(name: str, number: FittedLaneNumber) -> str:
+    low, high = number.interval95
+    return f"{name} {number.estimate:.3g} ({low:.3g} to {high:.3g}; prior {number.prior:.3g}) {number.unit}".rstrip()
+
+
+def not_fitted(why: str) -> FittedLaneChanges:
+    """Make the report on lane changes that stay the prior."""
+    return FittedLaneChanges(
+        fitted=False, why=why, changes=0, seconds=0, vehicles=0, speed_median=None, left_out={}, changes_left_out={},
+        numbers={},
+    )  # fmt: skip
+
+
+def fit_lane_changes(readings: Sequence[Reading], choice: str = "fit") -> tuple[LaneChange, FittedLaneChanges]:
     """Fit the lane changes of files, or say why they stay the prior.
 
     Args:
@@ -161,28 +109,30 @@ def fit_lane_changes(readings: Sequence[Reading], choice: str = "fit") -> LaneCh
         UnknownNameError: The choice is unknown.
     """
     if check_in("choice of lane changes", choice, LANE_CHANGE_CHOICES) == "prior":
-        return LaneChangeFit(why="that was asked for")
+        return LaneChange(), not_fitted("that was asked for")
     parts = [part for part in map(seconds_at_risk, readings) if part is not None]
     if not parts:
-        return LaneChangeFit(why="no file gives the lane of each row")
+        return LaneChange(), not_fitted("no file gives the lane of each row")
     seconds = joined_seconds(parts)
-    told = LaneChangeFit(
+    lanes = "" if seconds.size else "; nobody was seen for long enough with a lane beside its own"
+    found = FittedLaneChanges(
+        fitted=False,
+        why=f"{seconds.changes} lane change(s) can be used, and at least {FEWEST_CHANGES} are needed{lanes}",
         changes=seconds.changes,
         seconds=seconds.size,
         vehicles=int(np.unique(seconds.vehicle).size),
-        speed_median=float(np.median(seconds.speed)) if seconds.size else math.nan,
-        left_out=seconds.left_out,
-        changes_left_out=seconds.changes_left_out,
+        speed_median=float(np.median(seconds.speed)) if seconds.size else None,
+        left_out=dict(seconds.left_out),
+        changes_left_out=dict(seconds.changes_left_out),
+        numbers={},
     )
     if seconds.changes < FEWEST_CHANGES:
-        lanes = "" if seconds.size else "; nobody was seen for long enough with a lane beside its own"
-        few = f"{seconds.changes} lane change(s) can be used, and at least {FEWEST_CHANGES} are needed{lanes}"
-        return replace(told, why=few)
+        return LaneChange(), found
     law, numbers = maximise(seconds)
-    return replace(told, law=law, fitted=True, why="", numbers=numbers)
+    return law, replace(found, fitted=True, why="", numbers=numbers)
 
 
-def maximise(seconds: SecondsAtRisk, prior: LaneChange | None = None) -> tuple[LaneChange, dict[str, FittedNumber]]:
+def maximise(seconds: SecondsAtRisk, prior: LaneChange | None = None) -> tuple[LaneChange, dict[str, FittedLaneNumber]]:
     """Find the parameters at which the penalised likelihood is greatest, and their intervals.
 
     Thanks to the rounding to 4 significant digits a second fit gives the same bytes, mostly on another machine too.
@@ -221,7 +171,7 @@ def maximise(seconds: SecondsAtRisk, prior: LaneChange | None = None) -> tuple[L
     spread = np.sqrt(np.diag(np.linalg.inv(0.5 * (curvature + curvature.T))))
     law = law_at(best, ".4g")
     return law, {
-        name: FittedNumber(
+        name: FittedLaneNumber(
             estimate=getattr(law, name),
             interval95=_interval(getattr(law, name), sd),
             prior=getattr(prior, name),
@@ -280,10 +230,6 @@ class _Neighbour:
 
 
 def _gap_row(gap: Floats, rate: Floats) -> tuple[Ints, NDArray[np.bool_]]:
-    """Return the row of the grid of gaps, and whether the gap is beyond it (`drivers.naturalistic.table_row`).
-
-    What closes faster than the grid counts as nearer.
-    """
-    scale = RANGE_RATE_GRID.low / np.minimum(rate, RANGE_RATE_GRID.low)
-    seen = np.where(gap > 4.0, 4.0 + (gap - 4.0) * scale**2, gap)
+    """Return the row of the grid of gaps, and whether the gap is beyond it (`drivers.naturalistic.table_row`)."""
+    seen = gap_seen(gap, rate)
     return GAP_GRID.place(np.minimum(seen, GAP_GRID.upper)), seen > GAP_GRID.upper

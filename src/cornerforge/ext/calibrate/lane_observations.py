@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.ext.calibrate.decisions import smooth_tracks
-from cornerforge.ext.calibrate.readers import Reading
-from cornerforge.ext.calibrate.row_checks import MEAN_LENGTH, check_rows, drivers, time_step
-from cornerforge.ext.calibrate.tables import Table, read_header, read_table
+from cornerforge.ext.calibrate.readers import Reading, position_along, ticks
+from cornerforge.ext.calibrate.row_checks import MEAN_LENGTH, drivers
 from cornerforge.types import METRES_PER_MILE
 
 __all__ = [
@@ -169,43 +168,23 @@ def transitions_of(reading: Reading) -> list[Transition] | None:
 
 
 def lane_tracks(reading: Reading) -> LaneTracks:
-    """Return the usable rows of a file, smoothed like its decisions; `reading` ensures that there are some."""
-    layout, header = reading.layout, read_header(reading.path)
-    table = read_table(
-        reading.path,
-        {name: column for name, column in layout.numbers.items() if column[0] in header},
-        {name: column for name, column in layout.texts.items() if column in header},
-    )
-    check_rows(table, layout)
-    vehicle, time = drivers(table), table.numbers["time"]
-    recording = table.texts.get("recording", np.zeros_like(vehicle))
-    per_second = max(round(1.0 / time_step(vehicle, time)), 1)
-    tick = np.rint((time - time.min()) * per_second).astype(np.int64)
-    keep = np.concatenate([[True], (np.diff(vehicle) != 0) | (np.diff(tick) > 0)])
-    length = table.numbers.get("length", np.full(time.size, MEAN_LENGTH))
-    along, forward = _along(table, vehicle, length, corner=layout.corner, front=layout.front)
-    vehicle, tick, along = vehicle[keep], tick[keep], along[keep]
-    position, speed = smooth_tracks(vehicle, tick, along, 1.0 / per_second, layout.window)
-    position = np.where(np.isfinite(position), position, along)
-    lane = np.rint(table.numbers["lane"][keep]).astype(np.int64)
-    return LaneTracks(vehicle, tick, recording[keep], lane, position, forward[keep], speed, length[keep], per_second)
-
-
-def _along(
-    table: Table, vehicle: Ints, length: Floats, *, corner: bool, front: bool
-) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return each vehicle's centre in its direction of travel [m] and whether that is forward, each (n,)."""
-    position = table.numbers["position"]
-    if corner:
-        position = position + length / 2.0
-    across = table.numbers.get("across", position)
-    if np.ptp(across) > np.ptp(position):
-        position = across
-    same = np.diff(vehicle) == 0
-    net = np.bincount(vehicle[1:], weights=np.where(same, np.diff(position), 0.0), minlength=int(vehicle.max()) + 1)
+    """Return the usable rows of a file, smoothed like its decisions."""
+    layout, table = reading.layout, reading.table
+    vehicle = drivers(table)
+    tick, per_second = ticks(table, vehicle)
+    position, _ = position_along(table, layout)
+    net = np.bincount(vehicle[1:], np.where(np.diff(vehicle) == 0, np.diff(position), 0.0), int(vehicle.max()) + 1)
     forward = net[vehicle] >= 0.0
-    along = np.where(forward, position, -position)
-    return along - length / 2.0 if front else along, forward
+    length = table.numbers.get("length", np.full(position.size, MEAN_LENGTH))
+    along = np.where(forward, position, -position) - (length / 2.0 if layout.front else 0.0)
+    keep = np.concatenate([[True], (np.diff(vehicle) != 0) | (np.diff(tick) > 0)])
+    vehicle, tick, along = vehicle[keep], tick[keep], along[keep]
+    smooth, speed = smooth_tracks(vehicle, tick, along, 1.0 / per_second, layout.window)
+    return LaneTracks(
+        vehicle=vehicle, tick=tick, scene=table.texts.get("recording", np.zeros_like(keep, dtype=np.int64))[keep],
+        lane=np.rint(table.numbers["lane"][keep]).astype(np.int64), along=np.where(np.isfinite(smooth), smooth, along),
+        forward=forward[keep], speed=speed, length=length[keep], per_second=per_second,
+    )  # fmt: skip
 
 
 def lane_crossings(t: LaneTracks, step: NDArray[np.bool_], *, before_s: float = START_BEFORE) -> list[tuple[int, int]]:

@@ -52,6 +52,13 @@ class FollowingLaw(Protocol):
         """Return the scale of the Student-t noise [m/s2], above 0."""
 
 
+def _scale(law: LogLaw | IdmLaw, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
+    """Scale of the noise [m/s2]: grows with |rr| / gap^power; shrinks in creeping traffic, below 7 m/s (I-80)."""
+    creep = np.minimum((speed + 1.0) / 8.0, 1.0) ** 0.4
+    closing = law.spread_closing * np.abs(range_rate) / np.maximum(gap, MIN_GAP) ** law.spread_power
+    return np.asarray(creep * (law.spread + closing))
+
+
 @dataclass(frozen=True)
 class LogLaw:
     """A law that follows the leader's speed and pulls the logarithm of the time gap gently to its usual value.
@@ -82,9 +89,7 @@ class LogLaw:
         pull = self.pull * np.log(gap / (speed + 0.55) / self.headway)
         return np.asarray(follow + pull - 0.067 * closing**2 / (2.0 * gap) + self.offset)
 
-    def scale(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
-        """Scale of the Student-t noise [m/s2]."""
-        return _scale(self.spread, self.spread_closing, self.spread_power, speed, gap, range_rate)
+    scale = _scale
 
 
 @dataclass(frozen=True)
@@ -110,17 +115,7 @@ class IdmLaw:
         desired = self.standstill + np.maximum(0.0, speed * self.headway + interaction)
         return np.asarray(self.acceleration * (1.0 - (speed / 36.0) ** 4 - (desired / gap) ** 2))
 
-    def scale(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
-        """Scale of the Student-t noise [m/s2]."""
-        return _scale(self.spread, self.spread_closing, self.spread_power, speed, gap, range_rate)
-
-
-def _scale(
-    spread: float, spread_closing: float, spread_power: float, speed: Floats, gap: Floats, range_rate: Floats
-) -> Floats:
-    """Scale of the noise [m/s2]: grows with |rr| / gap^power; shrinks in creeping traffic, below 7 m/s (I-80)."""
-    creep = np.minimum((speed + 1.0) / 8.0, 1.0) ** 0.4
-    return np.asarray(creep * (spread + spread_closing * np.abs(range_rate) / np.maximum(gap, MIN_GAP) ** spread_power))
+    scale = _scale
 
 
 def bin_index(acceleration: Floats) -> NDArray[np.int64]:

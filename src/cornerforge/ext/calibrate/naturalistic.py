@@ -10,9 +10,8 @@ from cornerforge._options import verb
 from cornerforge.experiment.experiments import check_threads
 from cornerforge.experiment.output import check_new_file, write_json
 from cornerforge.ext.calibrate.options import NddFit, NddImport
-from cornerforge.ext.calibrate.traffic_crashes import traffic_crashes
 from cornerforge.ndd.model import default_model_path, load_model, model_hash, save_model
-from cornerforge.results import NddFitted, NddImported, from_json
+from cornerforge.results import NddFitted, NddImported, as_json
 
 __all__ = ["fit_text", "import_text", "ndd_fit", "ndd_import"]
 
@@ -30,16 +29,7 @@ def ndd_fit(options: NddFit) -> NddFitted:
     from cornerforge.ext.calibrate.readers import guess_format
     from cornerforge.ndd import fit_model, write_fit_report
 
-    path = _model_place(options.out)
-    drive = None
-    if options.study and options.study_tests:
-        drive = partial(
-            traffic_crashes,
-            tests=options.study_tests,
-            seed=options.seed,
-            threads=check_threads(options.threads),
-            progress=options.progress,
-        )
+    path, threads = _model_place(options.out), check_threads(options.threads)
 
     def say(stage: str) -> None:
         options.progress(f"fit: {stage}", 0, 1)
@@ -53,20 +43,20 @@ def ndd_fit(options: NddFit) -> NddFitted:
     page = path.with_suffix(".report.html")
     write_fit_report(report, model, page)  # before the options.study, so that a stop loses no fit
     if options.study:
-        from cornerforge.ext.calibrate.sensitivity import fit_sensitivity
+        from cornerforge.ext.calibrate.sensitivity import fit_sensitivity, traffic_crashes
 
-        rows = fit_sensitivity(
-            paths,
-            data_format,
-            prior_strength=options.prior_strength,
-            lane_changes=options.lane_changes,
-            progress=say,
-            drive=drive,
+        drive = partial(
+            traffic_crashes, tests=options.study_tests, seed=options.seed, threads=threads, progress=options.progress
         )
+        rows = fit_sensitivity(
+            paths, data_format, prior_strength=options.prior_strength, lane_changes=options.lane_changes, progress=say,
+            drive=drive if options.study_tests else None,
+        )  # fmt: skip
         report = replace(report, sensitivity=rows)
         write_fit_report(report, model, page)
-    about = {"format": data_format, "model_hash": model_hash(model), "report": str(page), "out": str(path)}
-    return from_json(NddFitted, report.to_json() | about)
+    return NddFitted(
+        **vars(report), format=data_format, model_hash=model_hash(model), report=str(page), out=str(path)
+    )  # fmt: skip
 
 
 def fit_text(result: NddFitted) -> str:
@@ -103,9 +93,8 @@ def ndd_import(options: NddImport) -> NddImported:
     made, report = import_arrays(Path(options.folder), base, say)
     save_model(made, path)
     page = path.with_suffix(".report.json")
-    result = {**report.to_json(), "model_hash": model_hash(made)}
-    write_json(page, result)
-    return from_json(NddImported, {**result, "report": str(page), "out": str(path)})
+    write_json(page, as_json(report))
+    return NddImported(**vars(report), report=str(page), out=str(path))
 
 
 def import_text(result: NddImported) -> str:

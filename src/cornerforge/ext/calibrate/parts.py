@@ -3,39 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from cornerforge.ext.calibrate.decisions import Decisions
-from cornerforge.ext.calibrate.lane_fit import LaneChangeFit
 from cornerforge.ext.calibrate.traits import FEWEST_DRIVERS as FEWEST_LONG
 from cornerforge.ext.calibrate.traits import SHORTEST, NoiseSpread
 from cornerforge.ndd.grids import SPEED_GRID
 from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.model import GAPS
+from cornerforge.results.naturalistic import FittedLaneChanges, FittedPart
 
-__all__ = ["FEWEST_DRIVERS", "FITTED", "IN_PART", "PRIOR", "ModelPart", "parts_of"]
+__all__ = ["FEWEST_DRIVERS", "FITTED", "IN_PART", "PRIOR", "parts_of"]
 
 FITTED, IN_PART, PRIOR = "fitted", "fitted in part", "prior"
 """Sources of a part. In part: the files and the prior together."""
 FEWEST_DRIVERS = 20
 """Least number of drivers; with fewer the part is reported as too few."""
-
-
-@dataclass(frozen=True)
-class ModelPart:
-    """A part of a model and where it comes from.
-
-    Attributes:
-        name: Name in words.
-        source: `FITTED`, `IN_PART` or `PRIOR`.
-        why: On how many data, or why it stays the prior; one or two plain sentences.
-    """
-
-    name: str
-    source: str
-    why: str
 
 
 def parts_of(
@@ -46,9 +30,9 @@ def parts_of(
     counted: int,
     counted_free: int,
     strength: float,
-    changes: LaneChangeFit,
+    changes: FittedLaneChanges,
     noise: NoiseSpread,
-) -> tuple[ModelPart, ...]:
+) -> tuple[FittedPart, ...]:
     """Say of every part of a model where it comes from.
 
     Args:
@@ -63,90 +47,73 @@ def parts_of(
     """
     following = np.isfinite(training.gap)
     followers = int(np.unique(training.vehicle[following]).size)
-    law = ModelPart(
-        "car-following law",
-        PRIOR if too_few else FITTED,
-        too_few
-        or f"Maximum likelihood over {int(following.sum()):,} decisions of {followers:,} drivers, at all speeds."
-        + (f" {followers} are too few to stand for all." if followers < FEWEST_DRIVERS else ""),
+    law = (
+        f"Maximum likelihood over {int(following.sum()):,} decisions of {followers:,} drivers, at all speeds."
+        + (f" {followers} are too few to stand for all." if followers < FEWEST_DRIVERS else "")
+    )  # fmt: skip
+    calmed = f"fitted to {fast:,} decisions." if fast else "a share of the law's, as free driving is calmer."
+    data = f"{changes.changes:,} changes in {changes.seconds:,} seconds at risk; how"
+    wish, gaps = (
+        (IN_PART, f"{data} the wish depends on the own leader's speed is the prior."),
+        (IN_PART, f"{data} gaps depend on closing speeds is the prior."),
     )
-    return (
-        law,
-        ModelPart(
-            "response near the leader",
-            IN_PART if fast else PRIOR,
+    if not changes.fitted:
+        wish = gaps = PRIOR, f"{changes.why[:1].upper()}{changes.why[1:]}."
+    rows = (
+        ("car-following law", PRIOR if too_few else FITTED, too_few or law),
+        (
+            "response near the leader", IN_PART if fast else PRIOR,
             "Recorded drivers are far from danger; its constants keep simulated traffic at the published facts. From "
             "24 m/s on it also replaces the law's pull to a time gap, even where these files reach; its noise there is "
-            + (f"fitted to {fast:,} decisions." if fast else "a share of the law's, as free driving is calmer."),
+            + calmed,
         ),
-        _counts("following table", "the car-following law with that response", counted, strength),
-        _counts("free driving", "published facts (IVBSS)", counted_free, strength),
-        ModelPart(
-            "memory",
-            PRIOR,
+        ("following table", *_counts("the car-following law with that response", counted, strength)),
+        ("free driving", *_counts("published facts (IVBSS)", counted_free, strength)),
+        (
+            "memory", PRIOR,
             "Smoothing, without which no speed can be taken from positions, makes accelerations of one driver more "
             "alike from second to second than they were.",
         ),
-        _noise(noise),
-        ModelPart(
-            "desired speeds",
-            PRIOR,
+        ("noise level", *_noise(noise)),
+        (
+            "desired speeds", PRIOR,
             "Most tracks are too short to tell what speed a driver wants from how fast it may go just now.",
         ),
-        *_lane_changes(changes),
-        ModelPart(
-            "duration of lane changes",
-            PRIOR,
+        ("lane changes", *wish),
+        ("gap acceptance", *gaps),
+        ("turning back", PRIOR, "Who begins a change and turns back cannot be told from who never began."),
+        (
+            "duration of lane changes", PRIOR,
             "Published (mean 5.2 s). When a change begins and ends is a matter of thresholds on positions across the "
             "road, which few files have with that precision.",
         ),
-        ModelPart("traffic at the start", PRIOR, _start(training)),
-        ModelPart("indicators", PRIOR, "Published: half of all lane changes are announced. No file tells them."),
-        ModelPart(
-            "looking away, overlooking",
-            PRIOR,
+        ("traffic at the start", PRIOR, _start(training)),
+        ("indicators", PRIOR, "Published: half of all lane changes are announced. No file tells them."),
+        (
+            "looking away, overlooking", PRIOR,
             "Set so that simulated drivers crash no more often than police reports say: trajectories do not tell what "
             "a driver saw, nor how drivers differ in it. The crash rate depends on it.",
         ),
-    )
+    )  # fmt: skip
+    return tuple(FittedPart(name=name, source=source, why=why) for name, source, why in rows)
 
 
-def _counts(name: str, prior: str, counted: int, strength: float) -> ModelPart:
+def _counts(prior: str, counted: int, strength: float) -> tuple[str, str]:
     """Say how many decisions a table counts; the grid begins at 19.5 m/s."""
     if counted == 0:
-        return ModelPart(name, PRIOR, f"No decision from 19.5 m/s on; all of it is {prior}.")
-    return ModelPart(
-        name,
-        IN_PART,
-        f"{counted:,} decisions from 19.5 m/s on, and {prior}, worth {strength:g} decisions in each state.",
-    )
+        return PRIOR, f"No decision from 19.5 m/s on; all of it is {prior}."
+    return IN_PART, f"{counted:,} decisions from 19.5 m/s on, and {prior}, worth {strength:g} decisions in each state."
 
 
-def _noise(noise: NoiseSpread) -> ModelPart:
-    name = "noise level"
+def _noise(noise: NoiseSpread) -> tuple[str, str]:
     followers = f"{noise.drivers:,} drivers were seen behind a leader for {SHORTEST} s and more"
     if not noise.fitted:
-        return ModelPart(name, PRIOR, f"{followers}, and at least {FEWEST_LONG} are needed.")
+        return PRIOR, f"{followers}, and at least {FEWEST_LONG} are needed."
     low, high = noise.interval95
-    return ModelPart(
-        name,
-        FITTED,
+    return FITTED, (
         f"{followers}. One standard deviation between them is a factor of {math.exp(noise.spread):.2f} "
-        f"({math.exp(low):.2f} to {math.exp(high):.2f}) of the odds of an acceleration in the outer quarters.",
+        f"({math.exp(low):.2f} to {math.exp(high):.2f}) of the odds of an acceleration in the outer quarters."
     )
-
-
-def _lane_changes(changes: LaneChangeFit) -> tuple[ModelPart, ...]:
-    behind = ModelPart("turning back", PRIOR, "Who begins a change and turns back cannot be told from who never began.")
-    names = ("lane changes", "gap acceptance")
-    if not changes.fitted:
-        return *(ModelPart(name, PRIOR, f"{changes.why[:1].upper()}{changes.why[1:]}.") for name in names), behind
-    data = f"{changes.changes:,} changes in {changes.seconds:,} seconds at risk"
-    rests = (
-        "how the wish depends on the own leader's speed is the prior.",
-        "how gaps depend on closing speeds is the prior.",
-    )
-    return *(ModelPart(name, IN_PART, f"{data}; {rest}") for name, rest in zip(names, rests, strict=True)), behind
 
 
 def _start(training: Decisions) -> str:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cornerforge.ext.calibrate.judging import judged, spread
 from cornerforge.ndd.grids import GAP_GRID
+from cornerforge.results.validation import FactFound
 from cornerforge.road.straight import along
 
 __all__ = ["PERSISTENCE", "Pairs", "compare_persistence", "pairs_of", "residuals"]
@@ -142,7 +143,7 @@ def _correlation(sums: Floats) -> float | None:
     return float((n * ab - a * b) / np.sqrt(variances)) if n > 2 and variances > 0.0 else None
 
 
-def compare_persistence(blocks: Sequence[Pairs]) -> list[dict[str, Any]]:
+def compare_persistence(blocks: Sequence[Pairs]) -> list[FactFound]:
     """Compare how long time gaps last, and how alike the residual accelerations of successive seconds are, with data.
 
     Args:
@@ -150,35 +151,27 @@ def compare_persistence(blocks: Sequence[Pairs]) -> list[dict[str, Any]]:
     """
     rows = []
     for lag in LAGS:
-        published, low, high = PERSISTENCE.get(lag, (0.57, None, None))
-        source = (
-            "a motorway with 37 followers" if lag in PERSISTENCE else "NGSIM I-80 (congested), US DOT FHWA; shown only"
-        )
-        sums = [_sums(*block.time_gaps[lag]) for block in blocks]
+        published, *allowed = PERSISTENCE.get(lag, (0.57,))
+        source = "a motorway with 37 followers" if allowed else "NGSIM I-80 (congested), US DOT FHWA; shown only"
         rows.append(
             _row(
-                f"correlation of ln time gap after {lag} s",
-                published,
-                None if low is None or high is None else (low, high),
-                source,
-                sums,
-                "10-60 s",
+                f"correlation of ln time gap after {lag} s", published, tuple(allowed) or None, source,
+                [_sums(*block.time_gaps[lag]) for block in blocks], "10-60 s",
             )
-        )
-    everything = np.concatenate([block.seconds for block in blocks], axis=2)
-    left = residuals(everything)
+        )  # fmt: skip
+    left = residuals(np.concatenate([block.seconds for block in blocks], axis=2))
     ends = np.cumsum([block.seconds.shape[2] for block in blocks])[:-1]
     sums = [_sums(*part) for part in np.split(left, ends, axis=1)]
     name = "correlation of residual acceleration with that of the next second"
     source = "recorded drivers .4 to .9 (NGSIM, US DOT FHWA; smoothing inflates it)"
-    rows.append(_row(name, (0.4, 0.9), RESIDUAL_ALLOWED, source, sums, "10-52 s"))
-    return rows
+    return [*rows, _row(name, (0.4, 0.9), RESIDUAL_ALLOWED, source, sums, "10-52 s")]
 
 
-def _row(
-    name: str, published: Any, allowed: tuple[float, float] | None, source: str, sums: list[Floats], when: str
-) -> dict[str, Any]:
+def _row(name: str, published: Any, allowed: Any, source: str, sums: list[Floats], when: str) -> FactFound:
     total = np.sum(sums, axis=0)
     found = _correlation(total)
     interval = spread(found, [_correlation(total - some) for some in sums])
-    return judged("persistence", when, name, "", published, source, found, int(total[0]), interval, allowed)
+    return judged(
+        found, allowed, theme="persistence", when=when, fact=name, unit="", published=published, source=source,
+        n=int(total[0]), interval95=interval,
+    )  # fmt: skip

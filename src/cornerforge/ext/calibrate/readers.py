@@ -50,6 +50,7 @@ __all__ = [
     "position_along",
     "read_decisions",
     "read_rows",
+    "reading_names",
     "ticks",
     "with_tracks",
 ]
@@ -69,8 +70,8 @@ class Reading:
         sha256: SHA-256 of its bytes.
         layout: The layout it was recognised as, with the file's own frame rate.
         decisions: One a second.
-        rows_read: All rows.
-        bad: Rows left out, by reason.
+        table: Its usable rows, sorted by vehicle and time, and those left out; jumps, of which no decision is made, are
+            in both.
         vehicles: Vehicles of the other rows; of pairs, pairs.
         notes: Oddities of the file as a whole, one or two plain sentences each; also given as warnings.
     """
@@ -79,15 +80,14 @@ class Reading:
     sha256: str
     layout: Layout
     decisions: Decisions
-    rows_read: int
-    bad: BadRows
+    table: Table
     vehicles: int
     notes: tuple[str, ...] = ()
 
     @property
     def rows_used(self) -> int:
         """Rows that passed every check."""
-        return self.rows_read - self.bad.total
+        return self.table.rows_read - self.table.bad.total
 
 
 def read_decisions(
@@ -113,6 +113,21 @@ def read_decisions(
         for note in reading.notes:
             warnings.warn(note, stacklevel=2)
     return readings
+
+
+def reading_names(readings: Sequence[Reading]) -> list[str]:
+    """Return file names, as full paths where two files have the same name.
+
+    Raises:
+        InputError: A file is given twice.
+    """
+    digests = [reading.sha256 for reading in readings]
+    for i, digest in enumerate(digests):
+        if digest in digests[:i]:
+            twin = readings[digests.index(digest)].path
+            raise InputError(f"{readings[i].path} and {twin} are the same file; name it once.")
+    short = [reading.path.name for reading in readings]
+    return [name if short.count(name) == 1 else str(r.path) for name, r in zip(short, readings, strict=True)]
 
 
 def guess_format(paths: Sequence[Path]) -> str:
@@ -221,10 +236,10 @@ def _with_scene(layout: Layout, scene: Scene) -> Layout:
 def _read(path: Path, data_format: str, window_factor: float) -> Reading:
     rows = read_rows(path, data_format)
     layout = replace(rows.layout, window=rows.layout.window * window_factor)
-    table, notes = rows.table, rows.notes
+    table, notes = replace(rows.table), rows.notes
     vehicles = int(drivers(table).max()) + 1
     decisions = _pairs(table, layout) if layout.kind == "pairs" else _tracks(table, layout, notes)
-    return Reading(path, file_sha256(path), layout, decisions, table.rows_read, table.bad, vehicles, tuple(notes))
+    return Reading(path, file_sha256(path), layout, decisions, rows.table, vehicles, tuple(notes))
 
 
 def _recognise(path: Path, header: list[str], data_format: str) -> Layout:
@@ -301,8 +316,12 @@ def _pairs(table: Table, layout: Layout) -> Decisions:
 
 def _tracks(table: Table, layout: Layout, notes: list[str]) -> Decisions:
     """Decisions from tracks: smooth, find the leader, take the gap between bumpers; adds to `notes`."""
-    along = _along_road(table, layout, drivers(table))
-    notes += speed_note(table.name, layout.numbers["position"][0], _raw_speeds(table, along))
+    driver = drivers(table)
+    along, _ = position_along(table, layout)
+    along = np.where(direction_of_travel(table, driver, along), along, -along)
+    same = np.diff(driver) == 0
+    unsmoothed = np.diff(along)[same] / np.diff(table.numbers["time"])[same]
+    notes += speed_note(table.name, layout.numbers["position"][0], unsmoothed)
     jump = jumps(table, along)
     table.drop(f"{layout.numbers['position'][0]} jumps (faster than {SPEED_RANGE[1]:g} m/s)", jump)
     along, driver = along[~jump], drivers(table)
@@ -339,18 +358,6 @@ def jumps(table: Table, along: NDArray[np.float64]) -> NDArray[np.bool_]:
     same = np.diff(driver) == 0
     jump[1:] = same & (np.abs(np.diff(along)) > SPEED_RANGE[1] * np.diff(table.numbers["time"]))
     return jump
-
-
-def _raw_speeds(table: Table, along: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Speed from each row to the next of the same vehicle, unsmoothed [m/s], shape (m,)."""
-    same = np.diff(drivers(table)) == 0
-    return np.asarray(np.diff(along)[same] / np.diff(table.numbers["time"])[same])
-
-
-def _along_road(table: Table, layout: Layout, driver: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the position in the direction of travel [m], shape (n,): the longer axis, reversed in opposite lanes."""
-    position, _ = position_along(table, layout)
-    return np.where(direction_of_travel(table, driver, position), position, -position)
 
 
 def position_along(table: Table, layout: Layout) -> tuple[NDArray[np.float64], bool]:

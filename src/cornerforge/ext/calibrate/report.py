@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -14,66 +13,17 @@ from numpy.typing import NDArray
 
 from cornerforge._files import writing
 from cornerforge.errors import MissingExtraError
-from cornerforge.ext.calibrate.lane_fit import LaneChangeFit
-from cornerforge.ext.calibrate.parts import ModelPart
-from cornerforge.ext.calibrate.shown import counted_states
+from cornerforge.ext.calibrate.lane_fit import notes_on, told_by_data
+from cornerforge.ext.calibrate.shown import counted_states, key_numbers
 from cornerforge.ndd.grids import SPEED_GRID
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel, model_hash
 from cornerforge.report.drawing import inline, new_figure, page, png_of, table
-from cornerforge.types import ACCELERATIONS
+from cornerforge.results.naturalistic import FitReport, FittedLaneChanges
 
-__all__ = ["PROBES", "FitReport", "write_fit_report"]
+__all__ = ["PROBES", "write_fit_report"]
 
 PROBES = ((20.0, 30.0, 0.0), (20.0, 30.0, -2.0), (30.0, 30.0, 0.0), (30.0, 30.0, -2.0))
 """States (speed, gap, range rate) at which a study of other choices shows the table's mean and spread."""
-
-
-@dataclass(frozen=True)
-class FitReport:
-    """Inputs and results of a fit.
-
-    Attributes:
-        rows_read: Rows of all files.
-        rows_used: Rows that passed every check.
-        bad_rows: For each file, reason -> rows left out and the line of the first.
-        decisions_fitted: Decisions (one a second) that were fitted on.
-        decisions_on_grid: Fitted decisions that were counted into the following table.
-        states: Following states with at least one counted decision.
-        states_total: Following states of the grid.
-        data_share_of_states: Share of the table's probability that is counts, not prior, mean over all states.
-        data_share_where_data: The same share, mean over the counted decisions.
-        speed_99_percent: 99th percentile of the fitted decisions' speeds [m/s].
-        held_out_log_likelihood: For each file with held-out decisions: see `scores.held_out_scores`.
-        notes: What a reader must know, one plain sentence each.
-        parts: What each part of the model comes from.
-        lane_changes: How the lane changes were fitted.
-        sensitivity: Results of other choices: see `sensitivity.fit_sensitivity`; empty if not studied.
-    """
-
-    rows_read: int
-    rows_used: int
-    bad_rows: Mapping[str, Mapping[str, Mapping[str, int]]]
-    decisions_fitted: int
-    decisions_on_grid: int
-    states: int
-    states_total: int
-    data_share_of_states: float
-    data_share_where_data: float
-    speed_99_percent: float
-    held_out_log_likelihood: Mapping[str, Mapping[str, float]]
-    notes: tuple[str, ...]
-    parts: tuple[ModelPart, ...] = ()
-    lane_changes: LaneChangeFit = field(default_factory=LaneChangeFit)
-    sensitivity: tuple[Mapping[str, Any], ...] = ()
-
-    def to_json(self) -> dict[str, object]:
-        """All fields, JSON-compatible."""
-        lists = {
-            "notes": list(self.notes),
-            "parts": [asdict(part) for part in self.parts],
-            "sensitivity": list(self.sensitivity),
-        }
-        return asdict(self) | lists | {"lane_changes": self.lane_changes.to_json()}
 
 
 _SCORED = (
@@ -84,8 +34,8 @@ _SCORED = (
     ("all accelerations alike", "uniform", "uniform"),
 )
 """Name of each score on the page, and its keys in `scores.held_out_scores`: at all speeds, and on the grid."""
-_FREE_FACTS = ((20, 0.61, 0.06), (30, 0.38, 0.008), (36, 0.32, 0.004))
-"""Speed [m/s], published standard deviation [m/s2] and share at or below -1 m/s2 of free-flow accelerations (IVBSS)."""
+_NEAREST = 10.0
+"""Least gap at which the page tells accelerations [m]."""
 
 
 def write_fit_report(report: FitReport, model: NddModel, path: Path) -> None:
@@ -127,15 +77,15 @@ def _sources(report: FitReport) -> str:
     return table(head, [[part.name, part.source, part.why] for part in report.parts])
 
 
-def _lane_changes(changes: LaneChangeFit) -> str:
+def _lane_changes(changes: FittedLaneChanges) -> str:
     """Table of fitted numbers, with intervals, the prior and left-out changes; or the reason why there is no fit."""
-    text = "".join(f"<p>{escape(note)}</p>" for note in changes.notes())
+    text = "".join(f"<p>{escape(note)}</p>" for note in notes_on(changes))
     if not changes.fitted:
         return f"<p>Not fitted: {escape(changes.why)}.</p>{text}"
     rows = [
         [
             name, number.unit, f"{number.estimate:.4g}", _between(number.interval95), f"{number.prior:.4g}",
-            _between(number.prior_interval95), "yes" if number.told_by_data else "hardly",
+            _between(number.prior_interval95), "yes" if told_by_data(number) else "hardly",
         ]
         for name, number in changes.numbers.items()
     ]  # fmt: skip
@@ -192,13 +142,18 @@ def _sensitivity(report: FitReport) -> str:
     """Table of other prior strengths and smoothing windows, all scored on the same decisions."""
     if not report.sensitivity:
         return "<p>Not studied for this fit; <code>cornerforge ndd fit --study</code> fits it again with others.</p>"
-    held_out = report.sensitivity[0]["held_out"]
-    places = [(name, part) for name in held_out for part in ("law", "table") if held_out[name][part] is not None]
+    places = [
+        (name, part)
+        for name, score in report.sensitivity[0].held_out.items()
+        for part in ("law", "table")
+        if getattr(score, part) is not None
+    ]
     scores = [
-        [row["variant"], *(f"{row['held_out'][name][part]:.3f}" for name, part in places)] for row in report.sensitivity
+        [row.variant, *(f"{getattr(row.held_out[name], part):.3f}" for name, part in places)]
+        for row in report.sensitivity
     ]
     accelerations = [
-        [row["variant"], *(f"{mean:+.2f}, {sd:.2f}" for mean, sd in row["probes"])] for row in report.sensitivity
+        [row.variant, *(f"{mean:+.2f}, {sd:.2f}" for mean, sd in row.probes)] for row in report.sensitivity
     ]
     return (
         "<p>Whole fits of the same files with one choice changed. Log-likelihood per held-out decision, read as the "
@@ -213,16 +168,16 @@ def _sensitivity(report: FitReport) -> str:
 
 def _crash_rates(report: FitReport) -> str:
     """How often the traffic of each variant crashes, where it was driven."""
-    driven = [(row["variant"], row["traffic"]) for row in report.sensitivity if row.get("traffic")]
+    driven = [(row.variant, row.traffic) for row in report.sensitivity if row.traffic is not None]
     if not driven:
         return "<p>How far the crash rate moves was not asked for.</p>"
     rows = [
         [
             name,
-            f"{t['bv_crashes']:,} in {t['bv_miles']:.3g} miles",
-            _rate(t["bv_crashes_per_mile"], t["bv_interval95"]),
-            f"{t['av_crashes']:,} in {t['tests']:,} tests",
-            _rate(t["av_crashes_per_test"], t["av_interval95"]),
+            f"{t.bv_crashes:,} in {t.bv_miles:.3g} miles",
+            _rate(t.bv_crashes_per_mile, t.bv_interval95),
+            f"{t.av_crashes:,} in {t.tests:,} tests",
+            _rate(t.av_crashes_per_test, t.av_interval95),
         ]
         for name, t in driven
     ]
@@ -289,7 +244,7 @@ def _score_table(name: str, row: Mapping[str, float]) -> str:
 
 def _bad_rows(report: FitReport) -> str:
     rows = [
-        [name, reason, f"{entry['rows']:,}", entry["first_line"]]
+        [name, reason, f"{entry.rows:,}", entry.first_line]
         for name, reasons in report.bad_rows.items()
         for reason, entry in reasons.items()
     ]
@@ -297,28 +252,29 @@ def _bad_rows(report: FitReport) -> str:
 
 
 def _response_table(model: NddModel) -> str:
-    speed = int(np.flatnonzero(SPEEDS == 30.0)[0])
-    mean = model.following[speed].astype(np.float64) @ ACCELERATIONS
-    gaps = [10, 20, 30, 45, 60, 90, 115]
-    rates = [-8, -4, -2, -1, 0, 1, 2, 4]
+    found = key_numbers(model)["following"]
+    means = found["mean_mps2"][found["speed_mps"].index(30.0)]
     rows = [
-        [
-            f"gap {gap} m",
-            *(f"{mean[int(GAPS.searchsorted(gap)), int(RANGE_RATES.searchsorted(rate))]:.2f}" for rate in rates),
-        ]
-        for gap in gaps
+        [f"gap {gap:g} m", *(f"{mean:.2f}" for mean in row)]
+        for gap, row in zip(found["gap_m"], means, strict=True)
+        if gap >= _NEAREST
     ]
-    return table(["range rate [m/s]", *(f"{rate}" for rate in rates)], rows)
+    return table(["range rate [m/s]", *(f"{rate:g}" for rate in found["range_rate_mps"])], rows)
 
 
 def _free_table(model: NddModel) -> str:
-    rows = []
-    for speed, sd, share in _FREE_FACTS:
-        p = model.free[int(SPEEDS.searchsorted(speed))].astype(np.float64)
-        mean = float(p @ ACCELERATIONS)
-        spread = float(np.sqrt(p @ (ACCELERATIONS - mean) ** 2))
-        hard = float(p[ACCELERATIONS <= -0.99].sum())
-        rows.append([f"{speed} m/s", f"{mean:.3f}", "0.02 to 0.05", f"{spread:.2f}", sd, f"{hard:.1%}", f"{share:.1%}"])
+    free, rows = key_numbers(model)["free_flow"], []
+    for fact in free["published"]:
+        mean, sd, hard = (
+            free[name][free["speed_mps"].index(fact["speed_mps"])]
+            for name in ("mean_mps2", "sd_mps2", "share_braking_1_mps2")
+        )
+        rows.append(
+            [
+                f"{fact['speed_mps']:g} m/s", f"{mean:.3f}", "{:g} to {:g}".format(*fact["mean_mps2"]), f"{sd:.2f}",
+                fact["sd_mps2"], f"{hard:.1%}", f"{fact['share_braking_1_mps2']:.1%}",
+            ]
+        )  # fmt: skip
     head = ["speed", "mean", "published", "standard deviation", "published", "share ≤ -1 m/s²", "published"]
     return table(head, rows)
 

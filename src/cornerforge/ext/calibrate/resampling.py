@@ -2,41 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["RESAMPLES", "Distance", "bootstrap_mean", "distance", "owner_sums", "resampled_weights"]
+from cornerforge.results.validation import PartDistance
+
+__all__ = ["RESAMPLES", "bootstrap_mean", "distance", "owner_sums", "resampled_weights"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 RESAMPLES = 1000
 _SEED = 2021
-
-
-@dataclass(frozen=True)
-class Distance:
-    """Distance between the observed and the expected distribution of a quantity.
-
-    Attributes:
-        decisions: Observations.
-        vehicles: Number of drivers of these observations.
-        unit: Unit of the quantity and of `wasserstein`.
-        wasserstein: Earth mover's distance: the mean shift that would make the two equal.
-        wasserstein_interval95: Its 95 % interval by bootstrap over vehicles.
-        kolmogorov_smirnov: Largest difference of the two distribution functions, 0 to 1.
-        kolmogorov_smirnov_interval95: Its interval.
-    """
-
-    decisions: int
-    vehicles: int
-    unit: str
-    wasserstein: float
-    wasserstein_interval95: tuple[float, float]
-    kolmogorov_smirnov: float
-    kolmogorov_smirnov_interval95: tuple[float, float]
 
 
 def resampled_weights(vehicles: int) -> Floats:
@@ -74,7 +51,7 @@ def owner_sums(rows: Floats, owner: Ints, owners: int) -> Floats:
     return sums
 
 
-def distance(observed: Floats, expected: Floats, width: float, unit: str) -> Distance:
+def distance(observed: Floats, expected: Floats, width: float, unit: str) -> PartDistance:
     """Distance between observed and expected counts, over equal bins.
 
     Args:
@@ -94,7 +71,7 @@ def distance(observed: Floats, expected: Floats, width: float, unit: str) -> Dis
     drawn = np.abs(weights @ gaps) / np.maximum(weights @ sizes, 1e-9)[:, None]
     apart = np.abs(gaps.sum(axis=0)) / sizes.sum()
     wasserstein, largest = float(apart.sum() * width), float(apart.max())
-    return Distance(
+    return PartDistance(
         decisions=round(float(sizes.sum())),
         vehicles=int((sizes > 0).sum()),
         unit=unit,

@@ -1,42 +1,71 @@
-"""Scores of laws and models on decisions that no fit used: mean log-probability of the observed accelerations."""
+"""Predictions of decisions by laws, tables and baselines, and their scores: mean log-probability of what was observed.
+
+A predictor gives the probabilities of the 31 accelerations. All validation of the tables goes through
+`remembered_probabilities`, which must look states up as the simulator does.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.ext.calibrate.decisions import Decisions
-from cornerforge.ext.calibrate.laws import FollowingLaw, bin_index, log_likelihood
+from cornerforge.ext.calibrate.laws import FollowingLaw, IdmLaw, bin_index, bin_probabilities, fit_law, log_likelihood
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID
 from cornerforge.ndd.memory import given_the_past, memory_numbers
 from cornerforge.ndd.model import RANGE_RATES, NddModel
 from cornerforge.types import ACCELERATIONS
 
-__all__ = ["grid_place", "held_out_scores", "remembered_probabilities", "table_log_likelihood", "table_probabilities"]
+__all__ = [
+    "Predictor",
+    "fitted_idms",
+    "gap_seen",
+    "grid_place",
+    "held_out_scores",
+    "law_predictor",
+    "raw_table_predictor",
+    "remembered_probabilities",
+    "table_log_likelihood",
+    "table_probabilities",
+    "uniform_predictor",
+]
 
+Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
+Predictor = Callable[[Decisions], Floats]
+"""Function from n decisions' states to the probabilities of the 31 accelerations, shape (n, 31)."""
+
+FEWEST_TO_FIT = 200
+IDM_FITS = {"idm": 0.0, "idm_fast": 10.0}
+"""Two fair IDMs: fitted to decisions at all speeds, and to those above 10 m/s, nearer to what the tables cover."""
+_BINS = ACCELERATIONS.size
 _FLOOR = 1e-6
 _FASTEST_CLOSING = -RANGE_RATE_GRID.low
+
+
+def gap_seen(gap: Floats, range_rate: Floats) -> Floats:
+    """Give the gap [m] at which a state is looked up, as the simulator does; arrays of one shape.
+
+    Closing faster than 10 m/s counts as the gap that needs the same deceleration when 4 m are left: 4 + (gap - 4)
+    (10 / closing)^2.
+    """
+    closing = np.maximum(-range_rate, _FASTEST_CLOSING)
+    return np.where(gap > 4.0, 4.0 + (gap - 4.0) * (_FASTEST_CLOSING / closing) ** 2, gap)
 
 
 def grid_place(decisions: Decisions) -> tuple[Ints, Ints, Ints, Bools, Bools]:
     """Nearest place on the model's grid of each decision.
 
-    Closing faster than 10 m/s is looked up, as the simulator does, at the gap that needs the same deceleration when 4 m
-    are left: 4 + (gap - 4) (10 / closing)^2.
-
     Returns:
         Index of speed, gap and range rate (clipped to the grid), whether the speed lies on the grid (19.5 to 40.5 m/s),
         and whether it is free flow (no leader, or beyond 115.5 m); each of shape (n,).
     """
-    closing = np.maximum(-decisions.range_rate, _FASTEST_CLOSING)
-    gap = decisions.gap
-    gap = np.where(gap > 4.0, 4.0 + (gap - 4.0) * (_FASTEST_CLOSING / closing) ** 2, gap)
+    gap = gap_seen(decisions.gap, decisions.range_rate)
     is_free = gap > GAP_GRID.upper
     speed, gap_index = SPEED_GRID.place(decisions.speed), GAP_GRID.place(np.where(is_free, 0.0, gap))
     on_grid = (decisions.speed >= SPEED_GRID.lower) & (decisions.speed < SPEED_GRID.upper)
@@ -114,3 +143,66 @@ def held_out_scores(
 
 def _score(law: FollowingLaw, held: Decisions) -> float:
     return log_likelihood(law, held.speed, held.gap, held.range_rate, held.acceleration)
+
+
+def law_predictor(law: FollowingLaw) -> Predictor:
+    """Return the predictor of a law at the true state; it needs a leader (finite gap)."""
+
+    def predict(d: Decisions) -> Floats:
+        state = d.speed, d.gap, d.range_rate
+        return bin_probabilities(law.mean(*state), law.scale(*state), law.degrees)
+
+    return predict
+
+
+def uniform_predictor(d: Decisions) -> Floats:
+    """Give every acceleration the same probability."""
+    return np.full((d.size, _BINS), 1.0 / _BINS)
+
+
+def fitted_idms(training: Decisions) -> tuple[dict[str, IdmLaw], list[str]]:
+    """Fit the stochastic IDMs of `IDM_FITS` to these decisions (all with a leader); return them with notes.
+
+    If too few decisions are fast enough, an IDM is fitted to all; if these are too few as well, it has its defaults.
+    """
+    notes: list[str] = []
+    fits: dict[int, IdmLaw] = {}
+    idms = {}
+    for name, above in IDM_FITS.items():
+        part = training.where(training.speed > above)
+        if part.size < FEWEST_TO_FIT and part.size < training.size:
+            notes.append(f"Only {part.size} decisions above {above:g} m/s to fit an IDM on: all speeds were used.")
+            part = training
+        if part.size < FEWEST_TO_FIT:
+            what = f"Only {part.size} decisions are left to fit the IDM on ({FEWEST_TO_FIT} are needed)"
+            notes.append(f"{what}: it has defaults.")
+            idms[name] = IdmLaw()
+            continue
+        if part.size not in fits:  # parts of equal size are equal
+            fits[part.size] = fit_law(IdmLaw(), part.speed, part.gap, part.range_rate, part.acceleration)
+        idms[name] = fits[part.size]
+    return idms, list(dict.fromkeys(notes))
+
+
+def raw_table_predictor(training: Decisions) -> Predictor:
+    """Predict by counts per state plus one decision spread uniformly; the model's grid goes on below 20 m/s."""
+    states, place = np.unique(_state(training), return_inverse=True)
+    counts = np.zeros((states.size + 1, _BINS))  # the last row: never seen
+    np.add.at(counts, (place, bin_index(training.acceleration)), 1.0)
+    rows = (counts + 1.0 / _BINS) / (counts.sum(axis=-1, keepdims=True) + 1.0)
+
+    def predict(d: Decisions) -> Floats:
+        wanted = _state(d)
+        at = np.searchsorted(states, wanted)
+        known = at < states.size
+        known[known] = states[at[known]] == wanted[known]
+        return np.asarray(rows[np.where(known, at, states.size)])
+
+    return predict
+
+
+def _state(d: Decisions) -> NDArray[np.int64]:
+    """One number for each state of the grid, shape (n,)."""
+    _, gap, range_rate, _, is_free = grid_place(d)
+    place = SPEED_GRID.nearest(d.speed) * (GAP_GRID.bins + 1) + np.where(is_free, GAP_GRID.bins, gap)
+    return np.asarray(place * RANGE_RATE_GRID.bins + range_rate)

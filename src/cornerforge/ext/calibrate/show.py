@@ -42,9 +42,9 @@ def ndd_show(options: NddShow) -> NddShown:
     numbers = {"model": str(path), "model_hash": model_hash(loaded), **key_numbers(loaded)}
     shown = from_json(NddShown, {**numbers, "figures": []})
     if options.out is not None:
-        from cornerforge.ext.calibrate.show_figures import draw_figures, require_matplotlib
+        from cornerforge.ext.calibrate.show_figures import check_matplotlib, draw_figures
 
-        require_matplotlib()  # fails before anything is written
+        check_matplotlib()  # fails before anything is written
         folder = Path(options.out)
         identity = {"command": "ndd show", "model": shown.model_hash}
         open_output(folder, identity, resume=True)

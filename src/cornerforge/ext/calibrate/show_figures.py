@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._files import writing
-from cornerforge.errors import MissingExtraError
 from cornerforge.ext.calibrate.ivbss_initial import gap_law, speed_law
 from cornerforge.ext.calibrate.shown import (
     FREE_FACTS,
@@ -23,27 +22,16 @@ from cornerforge.ext.calibrate.shown import (
 )
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
+from cornerforge.report.drawing import check_matplotlib
 from cornerforge.types import ACCELERATIONS
 
-__all__ = ["draw_figures", "require_matplotlib"]
+__all__ = ["check_matplotlib", "draw_figures"]
 
 Floats = NDArray[np.float64]
 
 _DPI = 110
 _TTC = (3.0, 5.0, 10.0, 20.0)
 _EXTENT = (RANGE_RATE_GRID.lower, RANGE_RATE_GRID.upper, GAP_GRID.lower, GAP_GRID.upper)
-
-
-def require_matplotlib() -> None:
-    """Check that matplotlib is there.
-
-    Raises:
-        MissingExtraError: It is not; the message says how to install it.
-    """
-    try:
-        import matplotlib.figure  # noqa: F401
-    except ImportError as error:
-        raise MissingExtraError("matplotlib", "report") from error
 
 
 def draw_figures(model: NddModel, folder: Path) -> list[Path]:
@@ -56,7 +44,7 @@ def draw_figures(model: NddModel, folder: Path) -> list[Path]:
         MissingExtraError: No matplotlib.
         OutputError: A file cannot be written.
     """
-    require_matplotlib()
+    check_matplotlib()
     drawn = {
         "following-mean": _following_mean(model),
         "following-sd": _following_sd(model),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from cornerforge.ext.calibrate.judging import judged
 from cornerforge.ext.calibrate.lane_observations import START_BEFORE, Transition, transitions_of
 from cornerforge.ext.calibrate.readers import Reading
 from cornerforge.intervals import binomial_interval
+from cornerforge.results.validation import FactFound
 from cornerforge.road.straight import lane_centre
 from cornerforge.sim import (
     RUNNING,
@@ -67,7 +67,7 @@ def chance_of(transition: Transition, setting: Setting) -> float:
     return float(p[ACTION_LEFT if transition.to_left else ACTION_RIGHT])
 
 
-def compare_transitions(run: Experiment, names: Sequence[str], readings: Sequence[Reading]) -> list[dict[str, Any]]:
+def compare_transitions(run: Experiment, names: Sequence[str], readings: Sequence[Reading]) -> list[FactFound]:
     """Compare the share of recorded lane changes that the model calls impossible with the allowed share, file by file.
 
     Files without lanes or lane changes have no row. A vehicle outside the recorded stretch counts as absent, so the
@@ -85,9 +85,10 @@ def compare_transitions(run: Experiment, names: Sequence[str], readings: Sequenc
         impossible = int((chances == 0.0).sum())
         rows.append(
             judged(
-                "transitions", name, f"share of lane changes of probability 0, {START_BEFORE:g} s before the crossing",
-                "", None, "recorded: all of them happened", impossible / chances.size, chances.size,
-                binomial_interval(impossible, chances.size), (0.0, ALLOWED),
+                impossible / chances.size, (0.0, ALLOWED), theme="transitions", when=name, unit="", published=None,
+                fact=f"share of lane changes of probability 0, {START_BEFORE:g} s before the crossing",
+                source="recorded: all of them happened", n=chances.size,
+                interval95=binomial_interval(impossible, chances.size),
             )
         )  # fmt: skip
     return rows

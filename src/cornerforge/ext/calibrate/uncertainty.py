@@ -32,28 +32,18 @@ class Uncertain:
     Attributes:
         part, field: Where it is; as of `Variation`.
         width: Standard deviation of its natural logarithm.
-        measured: The width comes from data; else it is a judgement.
         source: Source of the width, in words.
         most, least: Largest and smallest value allowed; draws beyond them are cut to them.
+        measured: The width comes from data; else it is a judgement.
     """
 
     part: str
     field: str
     width: float
-    measured: bool
     source: str
     most: float = math.inf
     least: float = 0.0
-
-
-def _judged(part: str, field: str, width: float, source: str, most: float = math.inf) -> Uncertain:
-    return Uncertain(part, field, width, False, source, most)
-
-
-def _measured(
-    part: str, field: str, width: float, source: str, most: float = math.inf, least: float = 0.0
-) -> Uncertain:
-    return Uncertain(part, field, width, True, source, most, least)
+    measured: bool = False
 
 
 _FILES = (
@@ -61,23 +51,25 @@ _FILES = (
 )
 
 UNCERTAIN: tuple[Uncertain, ...] = (
-    _measured("law", "response", 0.17, f"at a gap of 30 m: {_FILES}"),
-    _measured("law", "spread", 0.12, _FILES),
-    _measured("law", "degrees", 0.49, f"{_FILES}; at least 3, as no file says less than 4.6", least=3.0),
-    _measured("initial", "noise_spread", 0.49, "bootstrap over drivers, 0.040 to 0.276 (ADR 29)", 2.0),
-    _judged("safe", "response", 0.25, "set by hand so that BVs crash about as often as people (ADR 24)"),
-    _judged("model", "overlook", 0.69, "a factor of 2: set by the national mix of crashes (ADR 27)", 1.0),
-    _judged("model", "overlook_conflict", 0.69, "a factor of 2, as overlook (ADR 27)", 1.0),
-    _judged("memory", "away", 0.69, "a factor of 2: set so that crashes between BVs stay below 3e-6 (ADR 27)", 1.0),
-    _judged("memory", "away_again", 0.20, "the share of looks of 3 s and more, 9 %, to a factor of 1.5 (ADR 27)", 0.9),
-    _judged("initial", "vigilance_sigma", 0.25, "published shares of risk leave 0.5 to 1.3 (ADR 29)", 1.5),
-    _judged("initial", "signal_share", 0.15, "one published share; 0.6 and 0.75 were tried (ADR 24)", 1.0),
-    _judged("initial", "desire_share", 0.30, "chosen with simulated traffic in view (ADR 24)", 1.0),
-    _judged("lane_change", "rate", 0.30, "published 0.36 and 0.20 changes a mile (Lee 2004, Krajewski 2018)", 0.5),
-    _judged("lane_change", "misjudge", 0.40, "closing cut-ins are half as frequent as recorded ones (ADR 24)", 1.0),
-    _judged("lane_change", "rear_standstill", 0.15, "matched by hand to recorded cut-ins (ADR 24)"),
-    _judged("lane_change", "lead_standstill", 0.15, "matched by hand to recorded cut-ins (ADR 24)"),
-    _judged("lane_change", "rear_reaction", 0.40, "only its being long is told by recorded cut-ins (ADR 24)"),
+    Uncertain("law", "response", 0.17, f"at a gap of 30 m: {_FILES}", measured=True),
+    Uncertain("law", "spread", 0.12, _FILES, measured=True),
+    Uncertain("law", "degrees", 0.49, f"{_FILES}; at least 3, as no file says less than 4.6", least=3.0, measured=True),
+    Uncertain("initial", "noise_spread", 0.49, "bootstrap over drivers, 0.040 to 0.276 (ADR 29)", 2.0, measured=True),
+    Uncertain("safe", "response", 0.25, "set by hand so that BVs crash about as often as people (ADR 24)"),
+    Uncertain("model", "overlook", 0.69, "a factor of 2: set by the national mix of crashes (ADR 27)", 1.0),
+    Uncertain("model", "overlook_conflict", 0.69, "a factor of 2, as overlook (ADR 27)", 1.0),
+    Uncertain("memory", "away", 0.69, "a factor of 2: set so that crashes between BVs stay below 3e-6 (ADR 27)", 1.0),
+    Uncertain(
+        "memory", "away_again", 0.20, "the share of looks of 3 s and more, 9 %, to a factor of 1.5 (ADR 27)", 0.9
+    ),
+    Uncertain("initial", "vigilance_sigma", 0.25, "published shares of risk leave 0.5 to 1.3 (ADR 29)", 1.5),
+    Uncertain("initial", "signal_share", 0.15, "one published share; 0.6 and 0.75 were tried (ADR 24)", 1.0),
+    Uncertain("initial", "desire_share", 0.30, "chosen with simulated traffic in view (ADR 24)", 1.0),
+    Uncertain("lane_change", "rate", 0.30, "published 0.36 and 0.20 changes a mile (Lee 2004, Krajewski 2018)", 0.5),
+    Uncertain("lane_change", "misjudge", 0.40, "closing cut-ins are half as frequent as recorded ones (ADR 24)", 1.0),
+    Uncertain("lane_change", "rear_standstill", 0.15, "matched by hand to recorded cut-ins (ADR 24)"),
+    Uncertain("lane_change", "lead_standstill", 0.15, "matched by hand to recorded cut-ins (ADR 24)"),
+    Uncertain("lane_change", "rear_reaction", 0.40, "only its being long is told by recorded cut-ins (ADR 24)"),
 )
 """Uncertain numbers of the shipped model, and their spread."""
 DESIGN_EFFECT = 1.12
@@ -99,7 +91,7 @@ def widths(model: NddModel) -> tuple[Uncertain, ...]:
             width = math.log(high / low) / (2.0 * _Z95)
             source = "95 % interval of the model's own fit"
             limits = (math.inf, 0.0) if known is None else (known.most, known.least)
-            found[part, field] = Uncertain(part, field, width, True, source, *limits)
+            found[part, field] = Uncertain(part, field, width, source, *limits, measured=True)
     return tuple(found.values())
 
 

@@ -11,7 +11,8 @@ the decisions of the scored files that are not scored.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,32 +21,32 @@ from cornerforge._checks import check_number
 from cornerforge.errors import DataError, FileFormatError, InputError
 from cornerforge.ext.calibrate.decisions import Decisions, concatenate
 from cornerforge.ext.calibrate.laws import IdmLaw, LogLaw, bin_index
-from cornerforge.ext.calibrate.predictors import (
+from cornerforge.ext.calibrate.prior import SafeLaw
+from cornerforge.ext.calibrate.readers import Reading, reading_names
+from cornerforge.ext.calibrate.resampling import bootstrap_mean, distance, owner_sums
+from cornerforge.ext.calibrate.scores import (
     Predictor,
     fitted_idms,
-    forgetful_predictor,
+    grid_place,
     law_predictor,
     raw_table_predictor,
-    table_predictor,
+    remembered_probabilities,
+    table_probabilities,
     uniform_predictor,
 )
-from cornerforge.ext.calibrate.prior import SafeLaw
-from cornerforge.ext.calibrate.readers import Reading
-from cornerforge.ext.calibrate.resampling import Distance, bootstrap_mean, distance, owner_sums
-from cornerforge.ext.calibrate.scores import grid_place
 from cornerforge.ndd.model import NddModel
+from cornerforge.results.validation import BaselineDifference, PartDistance, PartLikelihood
 from cornerforge.types import ACCELERATIONS
 
 __all__ = [
     "FEWEST_VEHICLES",
     "GATED_PARTS",
     "GATES",
-    "Comparison",
-    "PartScore",
     "Validation",
+    "better",
     "decisions_to_score",
     "observed_and_predicted",
-    "reading_names",
+    "passed",
     "stated_idms",
     "stated_law",
     "validate_readings",
@@ -66,60 +67,20 @@ _BINS = ACCELERATIONS.size
 _BIN_WIDTH = 0.2
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """Mean difference of log-likelihood per decision, model minus a baseline, with its 95 % interval."""
-
-    difference: float
-    interval95: tuple[float, float]
-
-    @property
-    def better(self) -> bool:
-        """The model is better, and not by chance."""
-        return self.interval95[0] > 0.0
-
-
-@dataclass(frozen=True)
-class PartScore:
-    """Law or table on the decisions of one file.
-
-    Attributes:
-        decisions: How many were scored.
-        vehicles: Number of drivers of these decisions.
-        model: Log-likelihood per decision [nat]; uniform guessing has -3.43.
-        interval95: Interval of `model`, by bootstrap over vehicles, as all intervals here.
-        baselines: Log-likelihood per decision of each baseline [nat].
-        model_minus: The comparison of the model with each baseline.
-        accelerations: Distance between observed and predicted accelerations, over all states together, both in the
-            model's 31 bins.
-    """
-
-    decisions: int
-    vehicles: int
-    model: float
-    interval95: tuple[float, float]
-    baselines: Mapping[str, float]
-    model_minus: Mapping[str, Comparison]
-    accelerations: Distance
-
-    @property
-    def passed(self) -> bool:
-        """Better than every baseline of `GATES`."""
-        return all(self.model_minus[name].better for name in GATES)
-
-
-@dataclass(frozen=True)
-class Validation:
+class Validation(NamedTuple):
     """Findings of a validation.
 
     Attributes:
         files: File -> part ("law", "table", "table_without_past", "law_on_grid") -> score; every file has at least one
             of `GATED_PARTS`.
+        accelerations: Likewise, distance between observed and predicted accelerations, over all states together, both
+            in the model's 31 bins.
         idms: The IDMs that were compared with, by name.
         notes: What a reader must know, one plain sentence each.
     """
 
-    files: Mapping[str, Mapping[str, PartScore]]
+    files: dict[str, dict[str, PartLikelihood]]
+    accelerations: dict[str, dict[str, PartDistance]]
     idms: Mapping[str, IdmLaw]
     notes: tuple[str, ...]
 
@@ -127,21 +88,18 @@ class Validation:
     def passed(self) -> bool:
         """Every gated part of every file passed."""
         return all(
-            score.passed for parts in self.files.values() for part, score in parts.items() if part in GATED_PARTS
+            passed(score) for parts in self.files.values() for part, score in parts.items() if part in GATED_PARTS
         )
 
-    def to_json(self) -> dict[str, object]:
-        """The keys `log_likelihood_per_decision`, `distances`, `idm` and `notes`, JSON-compatible."""
-        every = {name: {part: asdict(score) for part, score in parts.items()} for name, parts in self.files.items()}
-        distances = {
-            name: {part: score.pop("accelerations") for part, score in parts.items()} for name, parts in every.items()
-        }
-        return {
-            "log_likelihood_per_decision": every,
-            "distances": {"acceleration": distances},
-            "idm": {name: asdict(idm) for name, idm in self.idms.items()},
-            "notes": list(self.notes),
-        }
+
+def better(versus: BaselineDifference) -> bool:
+    """Tell whether the model is better than a baseline, and not by chance."""
+    return versus.interval95[0] > 0.0
+
+
+def passed(score: PartLikelihood) -> bool:
+    """Tell whether a part is better than every baseline of `GATES`."""
+    return all(better(score.model_minus[name]) for name in GATES)
 
 
 def stated_law(model: NddModel) -> SafeLaw | None:
@@ -193,6 +151,8 @@ def validate_readings(model: NddModel, readings: Sequence[Reading]) -> Validatio
         DataError: A file has decisions of too few vehicles.
         FileFormatError: The model's provenance cannot be read.
     """
+    if not readings:
+        raise InputError("No trajectory file to validate against; name at least one with --against.")
     names = reading_names(readings)
     law = stated_law(model)
     scored, unscored = zip(*(_split(reading.decisions) for reading in readings), strict=True)
@@ -205,14 +165,16 @@ def validate_readings(model: NddModel, readings: Sequence[Reading]) -> Validatio
     baselines |= {"raw_table": raw_table_predictor(training), "uniform": uniform_predictor}
     if law is None:
         notes.append("The model states no following law: only decisions on its grid (19.5 m/s and above) are scored.")
-    files = {}
+    files, accelerations = {}, {}
     for name, reading, decisions in zip(names, readings, scored, strict=True):
         if not decisions.held_out.any():
             notes.append(_in_sample_note(name, reading, model))
-        files[name] = _score_file(name, model, law, decisions, baselines)
-        if "table" not in files[name]:
+        parts = _score_file(name, model, law, decisions, baselines)
+        files[name] = {part: score for part, (score, _) in parts.items()}
+        accelerations[name] = {part: apart for part, (_, apart) in parts.items()}
+        if "table" not in parts:
             notes.append(f"{name}: fewer than {FEWEST_VEHICLES} vehicles on the grid; its table is not scored.")
-    return Validation(files, idms, tuple(notes))
+    return Validation(files, accelerations, idms, tuple(notes))
 
 
 def decisions_to_score(decisions: Decisions) -> Decisions:
@@ -227,19 +189,6 @@ def _split(decisions: Decisions) -> tuple[Decisions, Decisions]:
     return following.where(to_score), following.where(~to_score)
 
 
-def reading_names(readings: Sequence[Reading]) -> list[str]:
-    """Return file names, as full paths where two files have the same name."""
-    if not readings:
-        raise InputError("No trajectory file to validate against; name at least one with --against.")
-    digests = [reading.sha256 for reading in readings]
-    for i, digest in enumerate(digests):
-        if digest in digests[:i]:
-            twin = readings[digests.index(digest)].path
-            raise InputError(f"{readings[i].path} and {twin} are the same file; name it once.")
-    short = [reading.path.name for reading in readings]
-    return [name if short.count(name) == 1 else str(r.path) for name, r in zip(short, readings, strict=True)]
-
-
 def _in_sample_note(name: str, reading: Reading, model: NddModel) -> str:
     """Say what weakens the evidence of a file without held-out decisions."""
     fitted = model.provenance.get("files")
@@ -251,14 +200,14 @@ def _in_sample_note(name: str, reading: Reading, model: NddModel) -> str:
 
 def _score_file(
     name: str, model: NddModel, law: SafeLaw | None, decisions: Decisions, baselines: Mapping[str, Predictor]
-) -> dict[str, PartScore]:
+) -> dict[str, tuple[PartLikelihood, PartDistance]]:
     on_grid = grid_place(decisions)[3]
     parts = {}
     if law is not None and np.unique(decisions.vehicle).size >= FEWEST_VEHICLES:
         parts["law"] = _score(law_predictor(law), decisions, baselines)
     if np.unique(decisions.vehicle[on_grid]).size >= FEWEST_VEHICLES:
-        parts["table"] = _score(table_predictor(model), decisions.where(on_grid), baselines)
-        parts["table_without_past"] = _score(forgetful_predictor(model), decisions.where(on_grid), baselines)
+        parts["table"] = _score(partial(remembered_probabilities, model), decisions.where(on_grid), baselines)
+        parts["table_without_past"] = _score(partial(table_probabilities, model), decisions.where(on_grid), baselines)
         if law is not None:
             parts["law_on_grid"] = _score(law_predictor(law), decisions.where(on_grid), baselines)
     if not parts:
@@ -270,21 +219,25 @@ def _score_file(
     return parts
 
 
-def _score(predict: Predictor, decisions: Decisions, baselines: Mapping[str, Predictor]) -> PartScore:
+def _score(
+    predict: Predictor, decisions: Decisions, baselines: Mapping[str, Predictor]
+) -> tuple[PartLikelihood, PartDistance]:
     log_p, predicted = _predict(predict, decisions)
     others = {name: _predict(baseline, decisions)[0] for name, baseline in baselines.items()}
-    return PartScore(
+    score = PartLikelihood(
         decisions=decisions.size,
         vehicles=int(np.unique(decisions.vehicle).size),
         model=float(log_p.mean()),
         interval95=bootstrap_mean(log_p, decisions.vehicle),
         baselines={name: float(other.mean()) for name, other in others.items()},
         model_minus={
-            name: Comparison(float((log_p - other).mean()), bootstrap_mean(log_p - other, decisions.vehicle))
+            name: BaselineDifference(
+                difference=float((log_p - other).mean()), interval95=bootstrap_mean(log_p - other, decisions.vehicle)
+            )
             for name, other in others.items()
         },
-        accelerations=distance(_observed(decisions), predicted, _BIN_WIDTH, "m/s2"),
     )
+    return score, distance(_observed(decisions), predicted, _BIN_WIDTH, "m/s2")
 
 
 def _predict(predict: Predictor, decisions: Decisions) -> tuple[Floats, Floats]:

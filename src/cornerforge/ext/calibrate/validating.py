@@ -3,39 +3,50 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import fields
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from cornerforge._files import write_bytes
 from cornerforge._options import verb
 from cornerforge.experiment.counting import distributions_of
 from cornerforge.experiment.output import open_output, write_json, write_text
 from cornerforge.experiment.setting import experiment
-from cornerforge.ext.calibrate.cut_ins import CUT_IN_FACTS
-from cornerforge.ext.calibrate.facts import CRASH_LIMIT, compare_crashes, compare_with_facts
+from cornerforge.ext.calibrate.facts import CRASH_LIMIT, CUT_IN_FACTS, compare_crashes, compare_with_facts
 from cornerforge.ext.calibrate.free_running import (
     DRIFT_WINDOWS,
     WHOLE,
     FreeRunning,
-    FreeTraffic,
     quantities_of,
     simulate_free_running,
+    speeds_of,
     upper_rate,
 )
 from cornerforge.ext.calibrate.options import NddValidate
 from cornerforge.ext.calibrate.persistence import compare_persistence
 from cornerforge.ext.calibrate.transitions import compare_transitions
+from cornerforge.ext.calibrate.validation_page import (
+    allowed,
+    check_matplotlib,
+    figures_of,
+    interval,
+    number,
+    page_of,
+    published,
+)
 from cornerforge.ndd.model import model_hash
 from cornerforge.results import NddValidated, as_json, from_json
-from cornerforge.results.validation import AcceptedGaps, FactFound, LaneChangeRate, RecordedQuantity, RecordedTtc
-
-if TYPE_CHECKING:
-    from cornerforge.ext.calibrate.compare import SimulatedTraffic
+from cornerforge.results.validation import (
+    AcceptedGaps,
+    FactFound,
+    LaneChangeRate,
+    PartDistance,
+    PartLikelihood,
+    RecordedQuantity,
+    RecordedTtc,
+)
+from cornerforge.sim import statistics
 
 __all__ = ["did_not_pass", "ndd_validate", "validation_text"]
 
@@ -85,8 +96,8 @@ def ndd_validate(options: NddValidate) -> NddValidated:
         CornerForgeError: Input, files or output place are not right.
     """
     from cornerforge.ext.calibrate.compare import compare_decisions, compare_traffic
-    from cornerforge.ext.calibrate.readers import read_decisions
-    from cornerforge.ext.calibrate.validate import reading_names, validate_readings
+    from cornerforge.ext.calibrate.readers import read_decisions, reading_names
+    from cornerforge.ext.calibrate.validate import validate_readings
 
     start = time.perf_counter()
     run = experiment(model=Path(options.model))
@@ -95,7 +106,9 @@ def ndd_validate(options: NddValidate) -> NddValidated:
     folder = None if options.out is None else Path(options.out)
     if folder is not None:
         files = ",".join(sorted(reading.sha256[:16] for reading in readings))
-        _open(folder, run.identity(options.seed) | {"command": "ndd validate", "miles": options.miles, "files": files})
+        check_matplotlib()
+        about = {"command": "ndd validate", "miles": options.miles, "files": files}
+        open_output(folder, run.identity(options.seed) | about, resume=True)
     options.progress("validate: scoring", 0, 1)
     scores = validate_readings(run.model, readings)
     conditional = compare_decisions(run.model, readings)
@@ -104,21 +117,33 @@ def ndd_validate(options: NddValidate) -> NddValidated:
     )
     whole, parts = traffic.during(WHOLE), [traffic.during(window) for window in DRIFT_WINDOWS]
     options.progress("validate: comparing", 0, 1)
-    told = scores.to_json()
-    distances: Any = told.pop("distances")
-    notes: Any = told.pop("notes")
-    facts = _facts(traffic, whole, parts) + compare_transitions(run, reading_names(readings), readings)
+
+    def plain(parts: Mapping[str, PartLikelihood | PartDistance]) -> dict[str, Any]:
+        return {name: asdict(part) for name, part in parts.items()}
+
+    facts = [
+        *(row for part in parts for row in compare_with_facts(part)),
+        *compare_crashes(traffic),
+        *compare_with_facts(whole, CUT_IN_FACTS),
+        *compare_persistence(traffic.pairs),
+        *compare_transitions(run, reading_names(readings), readings),
+    ]
+    changes = int(whole.total().totals[statistics.LANE_CHANGES]) / whole.miles
     content = {
         "model": str(options.model),
         "model_hash": model_hash(run.model),
-        **told,
-        "distances": distances | compare_traffic(run.model, readings, _simulated(whole)),
+        "log_likelihood_per_decision": {file: plain(parts) for file, parts in scores.files.items()},
+        "idm": {name: asdict(idm) for name, idm in scores.idms.items()},
+        "distances": {
+            "acceleration": {file: plain(parts) for file, parts in scores.accelerations.items()},
+            **compare_traffic(run.model, readings, quantities_of(whole), changes),
+        },
         "one_step_ahead": conditional,
-        "facts": facts,
+        "facts": [as_json(fact) for fact in facts],
         "traffic": [_traffic(part) for part in parts],
         "themes": {name: {"title": title, "meaning": meaning} for name, (title, meaning) in THEMES.items()},
-        "notes": [*notes, *_traffic_notes(whole, parts)],
-        "passed": scores.passed and all(fact["within"] is not False for fact in facts),
+        "notes": [*scores.notes, *_traffic_notes(whole, parts)],
+        "passed": scores.passed and all(fact.within is not False for fact in facts),
         "seconds": round(time.perf_counter() - start, 3),
     }
     if folder is not None:
@@ -126,61 +151,27 @@ def ndd_validate(options: NddValidate) -> NddValidated:
     found = from_json(NddValidated, content)
     if folder is not None:
         write_json(folder / VALIDATION, content)
-        _write_page(folder, found)
+        figures = figures_of(found)
+        for name, png in figures.items():
+            write_bytes(folder / f"{name}.png", png)
+        write_text(folder / _PAGE, page_of(found, figures))
     return found
-
-
-def _facts(traffic: FreeTraffic, whole: FreeRunning, parts: list[FreeRunning]) -> list[dict[str, Any]]:
-    """Compare the traffic with all that is known, theme by theme."""
-    return [
-        *(row for part in parts for row in compare_with_facts(part)),
-        *compare_crashes(traffic),
-        *compare_with_facts(whole, CUT_IN_FACTS),
-        *compare_persistence(traffic.pairs),
-    ]
-
-
-def _open(folder: Path, identity: dict[str, Any]) -> None:
-    """Claim the folder before the work, and check that the figures can be drawn."""
-    from cornerforge.ext.calibrate.validation_page import check_figures
-
-    check_figures()
-    open_output(folder, identity, resume=True)
-
-
-def _write_page(folder: Path, result: NddValidated) -> None:
-    from cornerforge.ext.calibrate.validation_page import figures_of, page_of
-
-    figures = figures_of(result)
-    for name, png in figures.items():
-        write_bytes(folder / f"{name}.png", png)
-    write_text(folder / _PAGE, page_of(result, figures))
-
-
-def _simulated(whole: FreeRunning) -> SimulatedTraffic:
-    """Give the whole drive the form for `ext.calibrate.compare`."""
-    from cornerforge.ext.calibrate.compare import SimulatedQuantity, SimulatedTraffic
-    from cornerforge.sim import statistics
-
-    quantities = {
-        name: SimulatedQuantity(grid.unit, grid.low, grid.width, counts)
-        for name, (grid, counts) in quantities_of([whole]).items()
-    }
-    return SimulatedTraffic(quantities, int(whole.total().totals[statistics.LANE_CHANGES]) / whole.miles)
 
 
 def _traffic(part: FreeRunning) -> dict[str, Any]:
     """Describe one window: how much was counted, its distributions, and shares of bins for pictures."""
-    curves = {}
-    quantities = quantities_of([part])
-    for name, (grid, counts) in quantities.items():
-        if name in _CURVES:
-            shares = _shares(counts.sum(axis=0))
-            curves[name] = {"low": grid.low, "width": grid.width, "unit": grid.unit, "shares": shares}
-    speeds = sum(
-        (quantities[f"acceleration_{kind}"][1].sum(axis=1) for kind in ("following", "free")), np.zeros(41, int)
-    )
-    curves["speed"] = {"low": -0.5, "width": 1.0, "unit": "m/s", "shares": _shares(speeds)}
+    from cornerforge.ext.calibrate.compare import shares_of
+
+    quantities = quantities_of(part)
+    curves = {
+        name: {
+            "low": q.low,
+            "width": q.width,
+            "unit": q.unit,
+            "shares": shares_of(q.counts, max(int(q.counts.sum()), 1)),
+        }
+        for name, q in [*((name, quantities[name]) for name in _CURVES), ("speed", speeds_of(quantities))]
+    }
     return {
         "when": part.window.name,
         "worlds": part.tests,
@@ -189,10 +180,6 @@ def _traffic(part: FreeRunning) -> dict[str, Any]:
         "distributions": as_json(distributions_of(part.total())),
         "curves": curves,
     }
-
-
-def _shares(counts: NDArray[np.int64]) -> list[float]:
-    return [float(f"{n / max(int(counts.sum()), 1):.4g}") for n in counts]
 
 
 def _traffic_notes(whole: FreeRunning, parts: list[FreeRunning]) -> list[str]:
@@ -264,34 +251,20 @@ def _window_lines(facts: Sequence[FactFound]) -> list[str]:
     lines = [f"{head}  {'least n':>9}  {'allowed':<20}published"]
     for name in dict.fromkeys(fact.fact for fact in facts):
         same = [fact for fact in facts if fact.fact == name]
-        cells = "".join(f"{_number(fact.found) + '!' * (fact.within is False):>11}" for fact in same)
+        cells = "".join(f"{number(fact.found) + '!' * (fact.within is False):>11}" for fact in same)
         one, n = same[0], min(fact.n for fact in same)
         lines.append(
-            f"  {f'{name} {one.unit}':<58}{cells}  {n:>9,}  {_allowed(one):<20}{_published(one.published)}".rstrip()
+            f"  {f'{name} {one.unit}':<58}{cells}  {n:>9,}  {allowed(one):<20}{(published(one) or '-')}".rstrip()
         )
     return lines
 
 
-def _number(value: float | None) -> str:
-    return "none" if value is None else f"{value:.3g}"
-
-
-def _allowed(fact: FactFound) -> str:
-    return "shown only" if fact.allowed is None else "{:.3g} to {:.3g}".format(*fact.allowed)
-
-
-def _published(value: float | tuple[float, float] | None) -> str:
-    if value is None:
-        return "-"
-    return f"{value[0]:g}-{value[1]:g}" if isinstance(value, tuple) else f"{value:g}"
-
-
 def _fact_line(fact: FactFound) -> str:
-    interval = "" if fact.interval95 is None else "({:.3g} to {:.3g})".format(*fact.interval95)
+    ends = f"({interval(fact)})" if fact.interval95 else ""
     verdict = "  OUTSIDE" if fact.within is False else ""
     return (
-        f"  {f'{fact.fact} {fact.unit}':<68}{fact.when:<9}{_number(fact.found):>9} {interval:<24}n {fact.n:<9,}"
-        f"{_allowed(fact):<20}{_published(fact.published)}".rstrip()
+        f"  {f'{fact.fact} {fact.unit}':<68}{fact.when:<9}{number(fact.found):>9} {ends:<24}n {fact.n:<9,}"
+        f"{allowed(fact):<20}{published(fact) or '-'}".rstrip()
         + verdict
     )
 

@@ -25,7 +25,7 @@ from cornerforge.results import NddValidated
 from cornerforge.results.validation import FactFound, OneStepCell
 from cornerforge.types import ACCELERATIONS
 
-__all__ = ["check_figures", "figures_of", "page_of"]
+__all__ = ["allowed", "check_matplotlib", "figures_of", "interval", "number", "page_of", "published"]
 
 _WINDOW_COLOURS = ("#8ecae6", "#4a9cc9", BLUE, "#e08a3c", ORANGE)
 """Early windows blue, late ones orange."""
@@ -47,15 +47,6 @@ _PUBLISHED = {
 }
 """Published quantiles (IVBSS): gaps while following, speeds of all to 1 m/s."""
 _RANGES = {"speed": (15.0, 45.0), "range_rate": (-6.0, 6.0), "time_gap": (0.0, 5.0), "gap": (0.0, 120.0)}
-
-
-def check_figures() -> None:
-    """Check that the page can be made.
-
-    Raises:
-        MissingExtraError: matplotlib is not installed.
-    """
-    check_matplotlib()
 
 
 def figures_of(result: NddValidated) -> dict[str, bytes]:
@@ -265,19 +256,23 @@ def _with_unit(fact: str, unit: str) -> str:
     return f"{fact} [{unit}]" if unit and not unit.startswith("per ") else f"{fact} {unit}".rstrip()
 
 
-def _number(value: float | None) -> str:
+def number(value: float | None) -> str:
+    """Write a number; "none" for None."""
     return "none" if value is None else f"{value:.3g}"
 
 
-def _interval(row: FactFound) -> str:
+def interval(row: FactFound) -> str:
+    """Write the interval of a check; "" without one."""
     return "" if row.interval95 is None else f"{row.interval95[0]:.3g} to {row.interval95[1]:.3g}"
 
 
-def _allowed(row: FactFound) -> str:
+def allowed(row: FactFound) -> str:
+    """Write the range allowed."""
     return "shown only" if row.allowed is None else f"{row.allowed[0]:.3g} to {row.allowed[1]:.3g}"
 
 
-def _published(row: FactFound) -> str:
+def published(row: FactFound) -> str:
+    """Write the published value, or range; "" without one."""
     value = row.published
     if value is None:
         return ""
@@ -302,13 +297,13 @@ def _drift_table(facts: Sequence[FactFound]) -> str:
     rows = []
     for name in dict.fromkeys(row.fact for row in facts):
         same = [row for row in facts if row.fact == name]
-        cells = [f"{_number(row.found)}\n{_interval(row).replace(' to ', '–').translate(_UNBROKEN)}" for row in same]
+        cells = [f"{number(row.found)}\n{interval(row).replace(' to ', '–').translate(_UNBROKEN)}" for row in same]
         marked = [Bad(cell) if row.within is False else cell for cell, row in zip(cells, same, strict=True)]
         one = same[0]
         rows.append(
             [
-                _with_unit(name, one.unit), *marked, f"{min(row.n for row in same):,}", _allowed(one),
-                _published(one),
+                _with_unit(name, one.unit), *marked, f"{min(row.n for row in same):,}", allowed(one),
+                published(one),
             ]
         )  # fmt: skip
     head = ["quantity", *(when.translate(_UNBROKEN) for when in whens), "least n", "allowed", "published"]
@@ -320,12 +315,12 @@ def _checks_table(facts: Sequence[FactFound]) -> str:
         [
             _with_unit(row.fact, row.unit),
             row.when.translate(_UNBROKEN),
-            Bad(_number(row.found)) if row.within is False else _number(row.found),
-            _interval(row),
+            Bad(number(row.found)) if row.within is False else number(row.found),
+            interval(row),
             f"{row.n:,}",
-            _allowed(row),
+            allowed(row),
             {None: "", True: "yes", False: Bad("NO")}[row.within],
-            _published(row),
+            published(row),
         ]
         for row in facts
     ]

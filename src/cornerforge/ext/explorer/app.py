@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import secrets
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import resources
 from typing import Any
 from urllib.parse import parse_qs
@@ -18,9 +18,8 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from cornerforge.errors import CornerForgeError, FileFormatError, OutputError
-from cornerforge.ext.explorer.exhibit import Exhibit
+from cornerforge.ext.explorer.exhibit import Exhibit, UnknownKeyError
 from cornerforge.ext.explorer.room import UnavailableError
-from cornerforge.ext.explorer.state import UnknownKeyError
 
 __all__ = ["POLICY", "Guard", "explorer_app", "read_page"]
 
@@ -155,61 +154,6 @@ def _no_constant(name: str) -> Any:
     raise ValueError(name)
 
 
-class _Answers:
-    """The answers to good requests.
-
-    Args:
-        exhibit: What is shown.
-        page: Files of the page by name.
-    """
-
-    def __init__(self, exhibit: Exhibit, page: Mapping[str, bytes]) -> None:
-        self._exhibit, self._page = exhibit, page
-
-    async def index(self, request: Request) -> Response:  # noqa: ARG002
-        return self._file("index.html")
-
-    async def asset(self, request: Request) -> Response:
-        return self._file(request.path_params["name"])
-
-    def _file(self, name: str) -> Response:
-        if name not in self._page:
-            raise HTTPException(404, "There is no such file.")
-        kind = _TYPES.get(name.rpartition(".")[2], "application/octet-stream")
-        text = kind.startswith("text/")
-        return Response(self._page[name], media_type=f"{kind}; charset=utf-8" if text else kind)
-
-    # Starlette calls functions that are not async in a thread.
-
-    def about(self, request: Request) -> Response:  # noqa: ARG002
-        return _json(self._exhibit.about())
-
-    def columns(self, request: Request) -> Response:
-        names = [name for name in request.query_params.get("names", "").split(",") if name]
-        return Response(self._exhibit.table.stream(names), media_type="application/vnd.apache.arrow.stream")
-
-    def case(self, request: Request) -> Response:
-        return _json(self._exhibit.case(**request.path_params))
-
-    def ghosts(self, request: Request) -> Response:
-        return _json(self._exhibit.ghosts(**request.path_params))
-
-    def case_with(self, request: Request) -> Response:
-        return _json(self._exhibit.case_with(**request.path_params))
-
-    def download(self, request: Request) -> Response:
-        media, name, content = self._exhibit.download(**request.path_params)
-        return Response(content, media_type=media, headers={"content-disposition": f'attachment; filename="{name}"'})
-
-    async def sql(self, request: Request) -> Response:
-        asked = await _body(request)
-        where = asked.get("where") if isinstance(asked, dict) else None
-        if not isinstance(where, str):
-            raise HTTPException(400, 'Send {"where": "a condition in SQL"}.')
-        bits = await run_in_threadpool(self._exhibit.rows_where, where)
-        return Response(bits, media_type="application/octet-stream")
-
-
 def explorer_app(exhibit: Exhibit, page: Mapping[str, bytes]) -> Starlette:
     """Make the application.
 
@@ -217,18 +161,47 @@ def explorer_app(exhibit: Exhibit, page: Mapping[str, bytes]) -> Starlette:
         exhibit: What is shown.
         page: Files of the page by name.
     """
-    answers, one = _Answers(exhibit, page), "/api/case/{source}/{case_id}"
+
+    async def asset(request: Request) -> Response:
+        name = request.path_params.get("name", "index.html")
+        if name not in page:
+            raise HTTPException(404, "There is no such file.")
+        kind = _TYPES.get(name.rpartition(".")[2], "application/octet-stream")
+        return Response(page[name], media_type=f"{kind}; charset=utf-8" if kind.startswith("text/") else kind)
+
+    # Starlette calls functions that are not async in a thread.
+
+    def told(what: Callable[..., Any]) -> Callable[[Request], Response]:
+        return lambda request: _json(what(**request.path_params))
+
+    def columns(request: Request) -> Response:
+        names = [name for name in request.query_params.get("names", "").split(",") if name]
+        return Response(exhibit.table.stream(names), media_type="application/vnd.apache.arrow.stream")
+
+    def download(request: Request) -> Response:
+        media, name, content = exhibit.download(**request.path_params)
+        return Response(content, media_type=media, headers={"content-disposition": f'attachment; filename="{name}"'})
+
+    async def sql(request: Request) -> Response:
+        asked = await _body(request)
+        where = asked.get("where") if isinstance(asked, dict) else None
+        if not isinstance(where, str):
+            raise HTTPException(400, 'Send {"where": "a condition in SQL"}.')
+        bits = await run_in_threadpool(exhibit.rows_where, where)
+        return Response(bits, media_type="application/octet-stream")
+
+    one = "/api/case/{source}/{case_id}"
     app = Starlette(
         routes=[
-            Route("/", answers.index),
-            Route("/assets/{name}", answers.asset),
-            Route("/api/about", answers.about),
-            Route("/api/columns", answers.columns),
-            Route(one, answers.case),
-            Route(f"{one}/ghosts", answers.ghosts),
-            Route(one + "/with/{av:path}", answers.case_with),
-            Route(one + "/download/{name}", answers.download),
-            Route("/api/sql", answers.sql, methods=["POST"]),
+            Route("/", asset),
+            Route("/assets/{name}", asset),
+            Route("/api/about", told(exhibit.about)),
+            Route("/api/columns", columns),
+            Route(one, told(exhibit.case)),
+            Route(f"{one}/ghosts", told(exhibit.ghosts)),
+            Route(one + "/with/{av:path}", told(exhibit.case_with)),
+            Route(one + "/download/{name}", download),
+            Route("/api/sql", sql, methods=["POST"]),
         ],
         exception_handlers={
             HTTPException: lambda _, error: _fault(error.status_code, error.detail),

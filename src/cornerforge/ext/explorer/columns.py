@@ -21,7 +21,7 @@ from cornerforge.fields import HISTORY_SHAPE
 from cornerforge.report.artefacts import per_billion_miles
 from cornerforge.types import CLASSES
 
-__all__ = ["CaseTable", "Column", "case_table"]
+__all__ = ["CaseTable", "case_table"]
 
 _HIDDEN = ("history", "critical_bv_action", "trajectory_digest", "seed")
 _MOST_NAMES = 1_000
@@ -59,45 +59,18 @@ _FIRST = (
 
 
 @dataclass(frozen=True)
-class Column:
-    """One served column.
-
-    Attributes:
-        name: As in the files.
-        type: "number", "integer", "category", "flag" or "text".
-        unit: "" for none.
-        meaning: One sentence.
-        source: "library", "analysis" or "server".
-        values: Words for each name of a category, in the order in which they are shown.
-    """
-
-    name: str
-    type: str
-    unit: str
-    meaning: str
-    source: str
-    values: Mapping[str, str]
-
-    def to_json(self) -> dict[str, Any]:
-        """Make the entry of /api/about."""
-        told: dict[str, Any] = {
-            "name": self.name, "label": label_of(self.name), "type": self.type, "unit": self.unit,
-            "meaning": self.meaning, "source": self.source,
-        }  # fmt: skip
-        return told | {"values": dict(self.values)} if self.type == "category" else told
-
-
-@dataclass(frozen=True)
 class CaseTable:
     """All cases.
 
     Attributes:
-        columns: All known columns.
+        columns: All known columns as /api/about tells them: `name`, `label`, `type` (number, integer, category, flag or
+            text), `unit` ("" for none), `meaning`, `source` (library, analysis or server), and of a category `values`,
+            words for each name in the order in which they are shown.
         table: Columns in that order; categories are dictionaries, numbers float64, integers int32. S rows.
         rows: The row of each case, by source and id.
     """
 
-    columns: tuple[Column, ...]
+    columns: tuple[dict[str, Any], ...]
     table: pa.Table
     rows: Mapping[tuple[str, str], int]
 
@@ -265,16 +238,16 @@ def _cells(source: Source, table: pa.Table) -> dict[str, pa.Array]:
     }  # fmt: skip
 
 
-def _served(name: str, field: pa.Field, source: str, values: pa.ChunkedArray) -> tuple[Column, Any]:
+def _served(name: str, field: pa.Field, source: str, values: pa.ChunkedArray) -> tuple[dict[str, Any], Any]:
     """Bring a column to one of the served types."""
     unit, meaning = _SERVER.get(name) or _MEANT.get(name) or _said(field)
     array = values.combine_chunks()
-    kind = "number"
-    words: dict[str, str] = {}
+    kind, more = "number", dict[str, Any]()
     if pa.types.is_boolean(array.type):
         kind = "flag"
     elif pa.types.is_string(array.type):
         kind, array, words = _texts(name, array)
+        more = {"values": words} if kind == "category" else {}
     elif pa.types.is_integer(array.type):
         try:
             kind, array = "integer", array.cast(pa.int32())
@@ -283,7 +256,10 @@ def _served(name: str, field: pa.Field, source: str, values: pa.ChunkedArray) ->
     else:
         array = array.cast(pa.float64())
         array = pc.if_else(pc.is_nan(array), pa.scalar(None, pa.float64()), array)
-    return Column(name, kind, unit, meaning, source, words), array
+    told = {
+        "name": name, "label": label_of(name), "type": kind, "unit": unit, "meaning": meaning, "source": source,
+    }  # fmt: skip
+    return told | more, array
 
 
 def _said(field: pa.Field) -> tuple[str, str]:

@@ -33,39 +33,13 @@ class Shown:
     data: Mapping[str, Any]
 
 
-@dataclass(frozen=True)
-class _Format:
-    label: str
-    media: str
-    make: Callable[[Shown, Callable[[], None]], bytes]
-
-
-def _json(shown: Shown, going: Callable[[], None]) -> bytes:  # noqa: ARG001
-    return json.dumps(shown.data, separators=(",", ":"), allow_nan=False).encode()
-
-
-def _film(ending: str) -> Callable[[Shown, Callable[[], None]], bytes]:
-    def make(shown: Shown, going: Callable[[], None]) -> bytes:
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / f"case.{ending}"
-            title = f"Case {shown.data['key']}"
-            film(
-                shown.scenario, path, title=title, sentence=shown.data["title"], way_out=shown.way_out,
-                progress=lambda _, __: going(),
-            )  # fmt: skip
-            return path.read_bytes()
-
-    return make
-
-
 _FORMATS = {
-    "mp4": _Format("video (MP4)", "video/mp4", _film("mp4")),
-    "webm": _Format("video (WebM)", "video/webm", _film("webm")),
-    "gif": _Format("moving picture (GIF)", "image/gif", _film("gif")),
-    "numbers": _Format("what this page shows (JSON)", "application/json", _json),
+    "mp4": ("video (MP4)", "video/mp4"),
+    "webm": ("video (WebM)", "video/webm"),
+    "gif": ("moving picture (GIF)", "image/gif"),
+    "numbers": ("what this page shows (JSON)", "application/json"),
 }
-
-
+"""Format -> what people read, and media type."""
 _MEDIA = {".json": "application/json", ".csv": "text/csv", ".xml": "application/xml"}
 
 
@@ -79,10 +53,10 @@ def formats() -> dict[str, str]:
             return False
         return True
 
-    return {name: one.label for name, one in _FORMATS.items() if name == "numbers" or here(name)}
+    return {name: label for name, (label, _) in _FORMATS.items() if name == "numbers" or here(name)}
 
 
-def made(shown: Shown, name: str, going: Callable[[], None] = lambda: None) -> tuple[str, bytes]:
+def made(shown: Shown, name: str, going: Callable[[], None]) -> tuple[str, bytes]:
     """Make a file of a case.
 
     Args:
@@ -96,8 +70,15 @@ def made(shown: Shown, name: str, going: Callable[[], None] = lambda: None) -> t
     Raises:
         OutputError: The program that writes videos failed.
     """
-    one = _FORMATS[name]
-    return one.media, one.make(shown, going)
+    media = _FORMATS[name][1]
+    if name == "numbers":
+        return media, json.dumps(shown.data, separators=(",", ":"), allow_nan=False).encode()
+    with tempfile.TemporaryDirectory() as folder:
+        path = film(
+            shown.scenario, Path(folder) / f"case.{name}", title=f"Case {shown.data['key']}",
+            sentence=shown.data["title"], way_out=shown.way_out, progress=lambda _, __: going(),
+        )  # fmt: skip
+        return media, path.read_bytes()
 
 
 def packed(stem: str, files: Mapping[str, bytes]) -> tuple[str, str, bytes]:

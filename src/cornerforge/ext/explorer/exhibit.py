@@ -4,67 +4,51 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from typing import Any, NamedTuple
 
 import numpy as np
-import pyarrow as pa
 
 from cornerforge.analysis.in_words import what_happened
 from cornerforge.errors import FileFormatError, InputError
-from cornerforge.ext.explorer.columns import CaseTable
+from cornerforge.ext.explorer.columns import CaseTable, case_table
 from cornerforge.ext.explorer.downloads import Shown, formats, made, packed
+from cornerforge.ext.explorer.driving import Driving
 from cornerforge.ext.explorer.room import Room
 from cornerforge.ext.explorer.sources import Analysis, Source
 from cornerforge.ext.explorer.start import cards, headline_of
-from cornerforge.ext.explorer.state import State, UnknownKeyError
-from cornerforge.ext.explorer.words import KINDS, label_of
-from cornerforge.library import StoredCase
+from cornerforge.ext.explorer.words import KINDS
 from cornerforge.library.query import Asker
 from cornerforge.report import text
-from cornerforge.report.cases import case_data, first_shown, ghost
-from cornerforge.report.judged import JUDGED, WayOut, judgement_of, verdict
+from cornerforge.report.cases import case_data, first_shown
+from cornerforge.report.judged import JUDGED, judgement_of, verdict
 from cornerforge.report.moments import partner_of
 from cornerforge.types import Scenario
 
-__all__ = ["Driving", "Exhibit", "Ghost"]
+__all__ = ["Exhibit", "UnknownKeyError"]
 
 
-@dataclass(frozen=True)
-class Ghost:
-    """Motion of a reference driver in the AV's place.
-
-    Attributes:
-        motion: From when it takes over, until the recording ends or it is touched.
-        prevents: No vehicle touches it.
-        reacts_s: When it sees danger first, since the begin of the test [s]; None: never.
-    """
-
-    motion: WayOut
-    prevents: bool
-    reacts_s: float | None
+class UnknownKeyError(InputError):
+    """No source, case, AV or format has this name."""
 
 
-@dataclass(frozen=True)
-class Driving:
-    """Functions that drive, given by the layer above; each is called by one thread at a time.
+class _State(NamedTuple):
+    """All sources by name with their analyses, and their cases, at one moment; another analysis makes another."""
 
-    Attributes:
-        drivers: Names of the reference drivers.
-        avs: Names of the AVs that can drive a case.
-        ghosts: The reference drivers in a case, by name.
-        with_av: The case as another AV drives it, the others as recorded: source, case, AV.
-        exports: Formats for other tools, each with what people read.
-        export: Files of a case in one of these formats, by their names.
-    """
+    revision: int
+    sources: Mapping[str, tuple[Source, Analysis | None]]
+    table: CaseTable
 
-    drivers: tuple[str, ...]
-    avs: tuple[str, ...]
-    ghosts: Callable[[Source, StoredCase], Mapping[str, Ghost]]
-    with_av: Callable[[Source, StoredCase, str], Scenario]
-    exports: Mapping[str, str]
-    export: Callable[[Source, StoredCase, str], Mapping[str, bytes]]
+    def find(self, source: str, case_id: str) -> tuple[Source, Analysis | None, int]:
+        """Give the source of a case, and its row in the table."""
+        row = self.table.rows.get((source, case_id))
+        if row is None:
+            known = ", ".join(self.sources)
+            what = f"case {case_id[:80]!r} in {source}" if source in self.sources else f"source {source[:80]!r}"
+            raise UnknownKeyError(f"There is no {what}; sources: {known}.")
+        return *self.sources[source], row
 
 
 _WHOLE = re.compile(r"\s*(select|with|from)\b", re.IGNORECASE)
@@ -94,7 +78,7 @@ class Exhibit:
         self.work: dict[str, Any] | None = None
         self._drives, self._asks, self._makes = Room("drives"), Room("questions in SQL"), Room("videos")
         self._asker: tuple[CaseTable, Asker] | None = None
-        self._state = State.of(sources)
+        self._state = _State(1, {source.name: (source, found) for source, found in sources}, case_table(sources))
 
     @property
     def table(self) -> CaseTable:
@@ -103,40 +87,42 @@ class Exhibit:
 
     def analysed(self, source: str, analysis: Analysis) -> None:
         """Use an analysis that has just been written; `revision` grows. For one thread."""
-        self._state = self._state.analysed(source, analysis)
+        sources = {**self._state.sources, source: (self._state.sources[source][0], analysis)}
+        self._state = _State(self._state.revision + 1, sources, case_table(list(sources.values())))
 
     # Each answer takes the state once: another may be there before it is done.
 
     def about(self) -> dict[str, Any]:
         """Make what /api/about says."""
         state = self._state
-        table, shelves = state.table, list(state.shelves.values())
-        first = shelves[0].source.cases.identity
-        attack = [shelf.source for shelf in shelves if not shelf.source.natural]
-        counts = dict.fromkeys(state.shelves, 0) | _counts(table.table["source"])
+        table, judged = state.table, list(state.sources.values())
+        sources = [source for source, _ in judged]
+        first = sources[0].cases.identity
+        attack = [source for source in sources if not source.natural]
+        counts = Counter(name for name, _ in table.rows)
         return {
             "name": self.name,
             "av": str(first.get("av", "unknown")),
             "version": str(first.get("cornerforge", "unknown")),
-            "headline": text.sentence(headline_of(state.sources)),
+            "headline": text.sentence(headline_of(judged)),
             "adversary": str(attack[0].cases.identity.get("bv", "")) if attack else "",
             "sources": [
                 {
-                    "name": shelf.source.name,
-                    "label": shelf.source.label,
-                    "cases": counts[shelf.source.name],
-                    "natural": shelf.source.natural,
-                    "replay": shelf.source.replay,
+                    "name": source.name,
+                    "label": source.label,
+                    "cases": counts[source.name],
+                    "natural": source.natural,
+                    "replay": source.replay,
                 }
-                for shelf in shelves
+                for source in sources
             ],
             "revision": state.revision,
             "work": self.work,
             "avs": list(self.driving.avs),
             "drivers": list(self.driving.drivers),
             "downloads": [{"format": name, "label": label} for name, label in self._formats().items()],
-            "columns": [column.to_json() for column in table.columns],
-            "start": cards(state.sources, table),
+            "columns": list(table.columns),
+            "start": cards(judged, table),
             "warnings": self.warnings,
         }
 
@@ -151,8 +137,9 @@ class Exhibit:
 
     def _shown(self, source: str, case_id: str) -> Shown:
         state = self._state
-        shelf, row = state.find(source, case_id)
-        stored, way_out, told = shelf.stored(case_id), shelf.way_out(case_id), state.table.row(row)
+        of, analysis, row = state.find(source, case_id)
+        stored, told = of.stored(case_id), state.table.row(row)
+        way_out = None if analysis is None else analysis.way_out(case_id)
         data = case_data(f"{source}/{case_id}", stored.scenario, way_out)
         known = "" if told.get("fault") is None else verdict(judgement_of({n: told.get(n) for n in JUDGED}, way_out))
         data |= {
@@ -169,21 +156,10 @@ class Exhibit:
         Raises:
             CornerForgeError: As of `case`; the case cannot be judged; or too many ask, or the server ends.
         """
-        shelf, _ = self._state.find(source, case_id)
-        stored = shelf.stored(case_id)
+        of, _, _ = self._state.find(source, case_id)
+        stored = of.stored(case_id)
         with self._drives.turn():
-            found = self.driving.ghosts(shelf.source, stored)
-        first = first_shown(stored.scenario)
-        return {
-            "drivers": {
-                name: {
-                    "motion": ghost(stored.scenario, one.motion, first),
-                    "prevents": one.prevents,
-                    "reacts_s": one.reacts_s,
-                }
-                for name, one in found.items()
-            }
-        }
+            return {"drivers": self.driving.ghosts(of, stored)}
 
     def case_with(self, source: str, case_id: str, av: str) -> dict[str, Any]:
         """Make what /api/case/SOURCE/CASE_ID/with/AV says: the same case driven by another AV, others as recorded.
@@ -192,12 +168,12 @@ class Exhibit:
             UnknownKeyError: No case or no AV has this name.
             CornerForgeError: The case cannot be read or driven.
         """
-        shelf, _ = self._state.find(source, case_id)
+        of, _, _ = self._state.find(source, case_id)
         if av not in self.driving.avs:
             raise UnknownKeyError(f"There is no AV {av[:80]!r} here; known: {', '.join(self.driving.avs)}.")
-        stored = shelf.stored(case_id)
+        stored = of.stored(case_id)
         with self._drives.turn():
-            scenario = self.driving.with_av(shelf.source, stored, av)
+            scenario = self.driving.with_av(of, stored, av)
         key = f"{source}/{case_id}@{av}"
         first, struck = first_shown(stored.scenario), partner_of(stored.scenario)
         partner = None if struck is None else int(stored.scenario.slot[struck])
@@ -218,21 +194,17 @@ class Exhibit:
             OutputError: The program that writes videos failed.
             UnavailableError: Too many videos are being made, or the server ends.
         """
-        shelf, _ = self._state.find(source, case_id)
+        of, _, _ = self._state.find(source, case_id)
+        stem = f"{source}-{case_id.replace(':', '-')}"
         if name not in (known := self._formats()):
             raise UnknownKeyError(f"There is no format {name[:80]!r}; known: {', '.join(known)}.")
         if name in self.driving.exports:
             with self._drives.turn():
-                stored = shelf.source.cases.scenario(case_id)
-                return packed(f"{source}-{case_id.replace(':', '-')}", self.driving.export(shelf.source, stored, name))
+                return packed(stem, self.driving.export(of, of.stored(case_id), name))
         shown = self._shown(source, case_id)
-        if name == "numbers":
-            media, content = made(shown, name)
-        else:
-            with self._makes.turn():
-                media, content = made(shown, name, self._makes.check)
-        ending = "json" if name == "numbers" else name
-        return media, f"{source}-{case_id.replace(':', '-')}.{ending}", content
+        with nullcontext() if name == "numbers" else self._makes.turn():
+            media, content = made(shown, name, self._makes.check)
+        return media, f"{stem}.{'json' if name == 'numbers' else name}", content
 
     def _formats(self) -> dict[str, str]:
         """Files that can be made of a case, each with its label."""
@@ -268,15 +240,9 @@ class Exhibit:
 
 def _facts(table: CaseTable, told: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [
-        {
-            "name": column.name,
-            "label": label_of(column.name),
-            "value": _fact(told[column.name]),
-            "unit": column.unit,
-            "meaning": column.meaning,
-        }
+        {**{key: column[key] for key in ("name", "label", "unit", "meaning")}, "value": _fact(told[column["name"]])}
         for column in table.columns
-        if column.name not in ("source", "case_id")
+        if column["name"] not in ("source", "case_id")
     ]
 
 
@@ -294,10 +260,6 @@ def _bits(asker: Asker, table: CaseTable, where: str) -> bytes:
         if at is not None:
             chosen[at] = True
     return np.packbits(chosen, bitorder="little").tobytes()
-
-
-def _counts(source: pa.ChunkedArray) -> dict[str, int]:
-    return {str(one["values"]): int(one["counts"]) for one in source.value_counts().to_pylist()}
 
 
 def _fact(value: Any) -> Any:

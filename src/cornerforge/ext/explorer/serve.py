@@ -4,35 +4,28 @@ from __future__ import annotations
 
 import contextlib
 import shlex
-import tempfile
 import threading
 import warnings
 import webbrowser
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from cornerforge._files import below, real_path
 from cornerforge._options import verb
-from cornerforge.drivers.avs import AVS
-from cornerforge.drivers.careful import CAREFUL
 from cornerforge.errors import CornerForgeError, FileFormatError, InputError, MissingExtraError
 from cornerforge.experiment.output import SUMMARY, is_finished_run, read_json_file
 from cornerforge.ext.explorer.options import Serve
 from cornerforge.ext.interchange.beside import analysis_beside, own_folder
-from cornerforge.ext.interchange.export import EXPORTS, CaseWriter, has_rerun
-from cornerforge.library import CaseLibrary, StoredCase
+from cornerforge.library import CaseLibrary
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.library.natural import is_natural, natural_weights
 from cornerforge.results.whole import Served
 
 if TYPE_CHECKING:
-    from cornerforge.ext.explorer import Analysis, Driving, Exhibit, Ghost, Source
-    from cornerforge.sim import Script, ScriptDriver
-    from cornerforge.types import Scenario
+    from cornerforge.ext.explorer.exhibit import Exhibit
+    from cornerforge.ext.explorer.sources import Analysis, Source
 
 __all__ = ["serve", "serve_text"]
 
@@ -56,13 +49,15 @@ def serve(options: Serve) -> Served:
         CornerForgeError: There is nothing to show, the port is taken, or the page is not built.
     """
     try:
-        from cornerforge.ext.explorer import Exhibit, open_door, serve_exhibit
+        from cornerforge.ext.explorer.driving import Driving
+        from cornerforge.ext.explorer.exhibit import Exhibit
+        from cornerforge.ext.explorer.server import open_door, serve_exhibit
     except ModuleNotFoundError as error:
         raise MissingExtraError(str(error.name), "explorer") from error
     given = Path(options.place)
     given = real_path(given)  # . and .. have no name, and a command that is copied holds from any folder
     found = _sources(given)
-    driving = _driving(options.avs, found[0].source)
+    driving = Driving(options.avs, found[0].source)
     notes = _warnings(given, found)
     door = open_door(options.host, options.port)
     exhibit = Exhibit(given.name, [(one.source, one.analysis) for one in found], driving, notes)
@@ -112,7 +107,7 @@ def _sources(place: Path) -> list[_Found]:
         InputError: The folder has no library, or none holds a case.
         FileFormatError: One is damaged.
     """
-    from cornerforge.ext.explorer import Source, read_analysis
+    from cornerforge.ext.explorer.sources import Source, read_analysis
 
     if (place / MANIFEST).exists():
         libraries = [place]
@@ -173,7 +168,7 @@ def _absent(place: Path) -> list[str]:
 
 def _behind(exhibit: Exhibit, found: Sequence[_Found], threads: int | None, stopping: threading.Event) -> None:
     """Load the kernels that answers need, then analyse libraries without an analysis; for a thread of its own."""
-    from cornerforge.ext.explorer import read_analysis
+    from cornerforge.ext.explorer.sources import read_analysis
     from cornerforge.verbs.analyse import analyse
 
     bare = [one for one in found if one.analysis is None]
@@ -218,27 +213,6 @@ def _warm_up(exhibit: Exhibit, found: Sequence[_Found]) -> None:
                 ask(source.name, case)
 
 
-def _driving(avs: Sequence[str], source: Source) -> Driving:
-    """Make what drives for the explorer.
-
-    Args:
-        avs: AVs of the user's own; that each can be had is checked with the library of `source`.
-        source: One of the sources.
-
-    Raises:
-        CornerForgeError: The AV is unknown, or the library does not say with what it was made.
-    """
-    from cornerforge.ext.explorer import Driving
-
-    others = _Others()
-    for av in avs:
-        others.made(source, av)
-    exports = {name: label for name, label in EXPORTS.items() if name != "rerun" or has_rerun()}
-    return Driving(
-        tuple(CAREFUL), tuple(dict.fromkeys((*AVS, *avs))), _ghosts, others.drive, exports, _Exports().files
-    )  # fmt: skip
-
-
 def _kept_notes(source: Source) -> list[str]:
     """Say where notes of earlier versions are."""
     library = real_path(source.cases.path)  # . and .. have no name
@@ -255,76 +229,6 @@ def _doubts(source: Source) -> list[str]:
     if rate is None or not rate.doubts:
         return []
     return [f"How often crashes happen is not to be trusted yet: {'; '.join(rate.doubts)}."]
-
-
-def _ghosts(source: Source, stored: StoredCase) -> Mapping[str, Ghost]:
-    from cornerforge.analysis.avoidability import AvoidParams
-    from cornerforge.analysis.prevented import driven_by
-    from cornerforge.ext.explorer import Ghost
-    from cornerforge.report.judged import WayOut
-
-    scenario = stored.scenario
-    params = AvoidParams(steers=bool(source.cases.identity.get("av_steers")))
-    crash = 0.0 if scenario.crash is None else scenario.crash.time
-    return {
-        name: Ghost(
-            motion=WayOut(one.begin_s, *np.ascontiguousarray(one.track.T)),
-            prevents=one.prevented.prevented,
-            reacts_s=None if one.prevented.reacts_s is None else round(crash - one.prevented.reacts_s, 1),
-        )
-        for name, one in driven_by(scenario, params).items()
-    }
-
-
-class _Exports:
-    """Writes stored cases for other tools; one at a time, since it keeps its writers."""
-
-    def __init__(self) -> None:
-        self._writers: dict[tuple[str, str], CaseWriter] = {}
-
-    def files(self, source: Source, stored: StoredCase, to: str) -> Mapping[str, bytes]:
-        """Give the files of a case in a format, by name.
-
-        Raises:
-            CornerForgeError: It cannot be written in that format.
-        """
-        key = source.name, to
-        if key not in self._writers:
-            self._writers[key] = CaseWriter(source.cases, to)
-        with tempfile.TemporaryDirectory() as folder:
-            names = self._writers[key].write(str(stored.scalars["case_id"]), stored, Path(folder))
-            return {name: (Path(folder) / name).read_bytes() for name in names}
-
-
-class _Others:
-    """Drives stored cases with other AVs, the others as recorded; one at a time, since it keeps its drivers."""
-
-    def __init__(self) -> None:
-        self._drivers: dict[tuple[str, str], tuple[Callable[[StoredCase], Script], ScriptDriver]] = {}
-
-    def made(self, source: Source, av: str) -> tuple[Callable[[StoredCase], Script], ScriptDriver]:
-        """Give what makes scripts of a source's cases, and what drives them with an AV.
-
-        Raises:
-            CornerForgeError: The AV is unknown, or the library cannot be driven again.
-        """
-        from cornerforge.verbs.stored_cases import StoredScripts, run_with
-        from cornerforge.world_options import WorldOptions
-
-        key = source.name, av
-        if key not in self._drivers:
-            run = run_with(source.cases, WorldOptions(), av)
-            self._drivers[key] = StoredScripts(source.cases, run).of, run.script_driver()
-        return self._drivers[key]
-
-    def drive(self, source: Source, stored: StoredCase, av: str) -> Scenario:
-        """Drive a case.
-
-        Raises:
-            CornerForgeError: As `made`, or the AV failed.
-        """
-        script, driver = self.made(source, av)
-        return driver.record(script(stored))[0]
 
 
 def serve_text(found: Served) -> str:

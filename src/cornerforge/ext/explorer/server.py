@@ -48,7 +48,7 @@ class Door:
     @property
     def url(self) -> str:
         """The whole address, with the token; this machine's name where it listens at all its addresses."""
-        host = socket.gethostname() if self._address.is_unspecified else self.host
+        host = socket.gethostname() if _address_of(self.listening).is_unspecified else self.host
         host = f"[{host}]" if ":" in host else host
         return f"http://{host}:{self.port}/" + ("" if self.token is None else f"?token={self.token}")
 
@@ -57,13 +57,9 @@ class Door:
         """Allowed values of a request's Host; None: any, since a cookie is needed."""
         if self.token is not None:
             return None
-        own = (f"[{name}]" if ":" in name else name for name in (self.host.lower(), str(self._address)))
+        own = (f"[{name}]" if ":" in name else name for name in (self.host.lower(), str(_address_of(self.listening))))
         names = {"127.0.0.1", "localhost", "[::1]", *own}
         return frozenset({f"{name}:{self.port}" for name in names} | (names if self.port == 80 else set()))
-
-    @property
-    def _address(self) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
-        return _address_of(self.listening)
 
 
 def _address_of(listening: socket.socket) -> ipaddress.IPv4Address | ipaddress.IPv6Address:

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 
 from cornerforge.analysis.stored import CASES_FILE, POINTS_FILE, WITNESSES_FILE, read_analysed
 from cornerforge.errors import FileFormatError
-from cornerforge.library import CaseLibrary
+from cornerforge.library import CaseLibrary, StoredCase
+from cornerforge.report.judged import WayOut
 from cornerforge.results import Analysed
 from cornerforge.results.stating import from_file
 
-__all__ = ["FILES", "Analysis", "Source", "read_analysis", "read_ways_out"]
+__all__ = ["FILES", "Analysis", "Source", "read_analysis"]
 
 FILES = ("analysis.json", CASES_FILE, POINTS_FILE, WITNESSES_FILE)
 """Files of a finished analysis."""
@@ -40,6 +44,16 @@ class Source:
     natural: bool
     weights: Mapping[str, float] | None
     replay: str
+    _reading: threading.Lock = field(default_factory=threading.Lock, repr=False, compare=False)
+
+    def stored(self, case_id: str) -> StoredCase:
+        """Read a case.
+
+        Raises:
+            FileFormatError: It lies in a damaged file.
+        """
+        with self._reading:
+            return self.cases.scenario(case_id)
 
 
 @dataclass(frozen=True)
@@ -48,13 +62,34 @@ class Analysis:
 
     Attributes:
         folder: Where it is.
+        command: What writes it again.
         found: What its `analysis.json` says.
         cases: Its `cases.parquet`.
     """
 
     folder: Path
+    command: str
     found: Analysed
     cases: pa.Table
+
+    @cached_property
+    def _ways_out(self) -> tuple[dict[str, int], pa.Table]:
+        table = read_analysed(self.folder / WITNESSES_FILE, self.command, _WAYS_OUT)
+        return {name: row for row, name in enumerate(table["case_id"].to_pylist())}, table
+
+    def way_out(self, case_id: str) -> WayOut | None:
+        """Give the AV's way out of a case; None if none is known. The file is read when one is first asked for.
+
+        Raises:
+            FileFormatError: The file of ways out is missing or damaged.
+        """
+        rows, motions = self._ways_out
+        if (row := rows.get(case_id)) is None:
+            return None
+        _, begin_s, *motion = (motions[name][row].as_py() for name in motions.column_names)
+        if begin_s is None or not motion[0]:
+            return None
+        return WayOut(begin_s, *(np.array(values, np.float64) for values in motion))
 
 
 def read_analysis(folder: Path, library: Path) -> Analysis:
@@ -71,13 +106,4 @@ def read_analysis(folder: Path, library: Path) -> Analysis:
         raise FileFormatError(
             f"{folder / CASES_FILE} lacks the column {sorted(missing)[0]}; write it again with: {command}"
         )
-    return Analysis(folder, found, table)
-
-
-def read_ways_out(folder: Path, library: Path) -> pa.Table:
-    """Read the ways out of an analysis: `case_id`, when it begins, and the motion.
-
-    Raises:
-        FileFormatError: The file is missing or damaged.
-    """
-    return read_analysed(folder / WITNESSES_FILE, f"cornerforge analyse {library} --out {folder}", _WAYS_OUT)
+    return Analysis(folder, command, found, table)

@@ -7,13 +7,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
+import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge._words import shown
+from cornerforge.adversary.verdicts import verdict_of
 from cornerforge.adversary.worlds import (
     FINISHED,
     Actors,
@@ -23,11 +26,13 @@ from cornerforge.adversary.worlds import (
     Verdict,
     agents,
     allocate_history,
+    reward_numbers,
 )
 from cornerforge.errors import InputError, UnknownNameError
-from cornerforge.experiment.experiments import Experiment
-from cornerforge.ext.gym.misuse import ClosedError, ResetNeededError
-from cornerforge.ext.gym.spaces import av_commands
+from cornerforge.experiment.experiments import Experiment, check_threads
+from cornerforge.experiment.setting import experiment
+from cornerforge.ext.gym.raster import top_view
+from cornerforge.ext.gym.spaces import ClosedError, ResetNeededError, av_commands
 from cornerforge.sim import (
     AV_CRASH,
     AV_FAULT,
@@ -45,8 +50,19 @@ from cornerforge.sim import (
     warn_of_left_out,
 )
 from cornerforge.types import FRAME_S
+from cornerforge.world_options import WorldOptions
 
-__all__ = ["FIRST_TEST", "OUTCOMES", "AvBatch", "Batch", "BvBatch", "check_seed", "numbers_of", "read_options"]
+__all__ = [
+    "FIRST_TEST",
+    "OUTCOMES",
+    "AvBatch",
+    "Batch",
+    "BvBatch",
+    "adversary_batch",
+    "check_seed",
+    "driving_batch",
+    "read_options",
+]
 
 FIRST_TEST = 1 << 40
 """Number of the first test after `reset(seed=...)`: where training takes its tests too, far from the tests of
@@ -62,6 +78,7 @@ OUTCOMES = {
 }
 """How a test ends: the AV drove its length; the AV crashed; the controlled BV crashed with another BV; the time limit;
 no BV is left; an AV from outside raised, hung, or gave no usable answer, and the test does not count."""
+_ACT_EVERY = (1, 2, 5, 10)
 _WORLDS_PER_THREAD = 64
 """Least number of worlds for each thread."""
 
@@ -90,18 +107,6 @@ def read_options(options: Mapping[str, Any] | None, known: Sequence[str]) -> dic
         if name not in known:
             raise UnknownNameError("option of reset", name, known)
     return dict(options)
-
-
-def numbers_of(actions: object) -> NDArray[Any]:
-    """Make an array of given actions; from input that is no array, such as a ragged list, one of objects.
-
-    >>> numbers_of([1, 2]).dtype.kind, numbers_of([[1], [1, 2]]).dtype.kind
-    ('i', 'O')
-    """
-    try:
-        return np.asarray(actions)
-    except ValueError:
-        return np.array(None, dtype=object)
 
 
 class Batch(ABC):
@@ -194,13 +199,27 @@ class Batch(ABC):
         """Check that there is something to see in each world.
 
         Raises:
-            ClosedError: `close` was called.
-            InputError: Another thread is at work.
+            ClosedError, InputError: As `check_open`.
             ResetNeededError: A world has not had a test yet.
         """
         self.check_open()
         if not self.is_seeded.all():
             raise ResetNeededError("No test has begun; call reset() first.")
+
+    def pictures(self, render_mode: str | None) -> list[NDArray[np.uint8]] | None:
+        """Draw the road around each AV from above (`raster.top_view`); None, with a warning, without a render mode.
+
+        Raises:
+            ClosedError, InputError, ResetNeededError: As `check_begun`.
+        """
+        self.check_open()
+        if render_mode is None:  # as Gymnasium's own environments do
+            gymnasium.logger.warn(
+                'There is no picture without a render mode; make the environment with render_mode="rgb_array".'
+            )
+            return None
+        self.check_begun()
+        return [top_view(self.worlds, b, self.run.setting.road) for b in range(self.n)]
 
     @contextmanager
     def _alone(self) -> Iterator[None]:
@@ -421,3 +440,24 @@ class AvBatch(Batch):
 
         self._share(work)
         self.reward[:] = self._agents.metres / self.run.setting.road.test_length - (self.outcome == AV_CRASH)
+
+
+def adversary_batch(n: int, threads: int | None, world: WorldOptions, *, reward: str, delay: float = 1.0) -> BvBatch:
+    """Make the worlds for `Adversary-v0`; arguments as for `AdversaryEnv`."""
+    pays = reward_numbers(reward, delay)
+    # The agent chooses the actions of the controlled BV; an adversary is named so that the mask may be bounded.
+    run = experiment(world, bv="uniform", takes_foreign=True)
+    return BvBatch(run, n, threads, check_threads(None), pays, verdict_of(reward, run))
+
+
+def driving_batch(
+    n: int, threads: int | None, world: WorldOptions, *, bv: str, box: bool, act_every: int | None
+) -> AvBatch:
+    """Make the worlds for `Driving-v0`; arguments as for `DrivingEnv`."""
+    run = experiment(world, bv=bv)
+    if act_every is not None:
+        if act_every not in _ACT_EVERY:
+            raise InputError(f"act_every = {act_every!r} is not allowed; one of 1, 2, 5 or 10 tenths of a second.")
+        road = run.setting.road._replace(av_substeps=act_every)
+        run = replace(run, odd=replace(run.odd, av_substeps=act_every), setting=run.setting._replace(road=road))
+    return AvBatch(run, n, threads, check_threads(None), box=box)

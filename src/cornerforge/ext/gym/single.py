@@ -10,15 +10,16 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_in
 from cornerforge._options import made_of
-from cornerforge._words import shown
-from cornerforge.ext.gym.batch import OUTCOMES, Batch, numbers_of
-from cornerforge.ext.gym.batch import check_seed as _check_seed
-from cornerforge.ext.gym.batch import read_options as _read_options
-from cornerforge.ext.gym.misuse import InvalidActionError, ResetNeededError, warn_of_no_picture
+from cornerforge.ext.gym.batch import OUTCOMES, Batch, adversary_batch, check_seed, driving_batch, read_options
 from cornerforge.ext.gym.options import Adversary, Driving
-from cornerforge.ext.gym.raster import top_view
-from cornerforge.ext.gym.runs import adversary_batch, driving_batch
-from cornerforge.ext.gym.spaces import adversary_observations, driving_actions, driving_observations, one_of_33
+from cornerforge.ext.gym.spaces import (
+    ResetNeededError,
+    adversary_observations,
+    checked,
+    driving_actions,
+    driving_observations,
+    one_of_33,
+)
 
 __all__ = ["AdversaryEnv", "DrivingEnv"]
 
@@ -71,9 +72,9 @@ class _SingleEnv(gymnasium.Env[Any, Any]):
         """
         batch = self._batch
         batch.check_open()
-        wanted = _read_options(options, ("test",))
+        wanted = read_options(options, ("test",))
         if seed is not None:
-            seed = _check_seed(seed)
+            seed = check_seed(seed)
         super().reset(seed=seed)
         batch.name(0, seed, wanted.get("test"), lambda: int(self.np_random.integers(2**31)))
         batch.begin(_ONE)
@@ -91,23 +92,10 @@ class _SingleEnv(gymnasium.Env[Any, Any]):
         batch.check_begun()
         if batch.is_over[0]:
             raise ResetNeededError("The test has ended; call reset() first.")
-        batch.step(self._checked(action)[None], _ONE)
+        batch.step(checked("action", action, self.action_space)[None], _ONE)
         over, cut = bool(batch.is_over[0]), bool(batch.truncated[0])
         observation = batch.observation[0].copy()
         return observation, float(batch.reward[0]), over and not cut, over and cut, self._info(stepped=True)
-
-    def _checked(self, action: Any) -> NDArray[Any]:
-        space = self.action_space
-        given = numbers_of(action)
-        if isinstance(space, gymnasium.spaces.Discrete):
-            right = given.shape == () and given.dtype.kind in "iu" and bool(0 <= given < space.n)
-            allowed = f"a whole number from 0 to {space.n - 1}"
-        else:
-            right = given.shape == space.shape and given.dtype.kind in "iuf" and bool(np.isfinite(given).all())
-            allowed = f"{space.shape} finite numbers from -1 to 1"
-        if not right:
-            raise InvalidActionError(f"action = {shown(action)} is not allowed; give {allowed}.")
-        return given
 
     def render(self) -> NDArray[np.uint8] | None:
         """Draw the road around the AV from above, uint8 (height, width, 3); None without render_mode "rgb_array".
@@ -116,12 +104,8 @@ class _SingleEnv(gymnasium.Env[Any, Any]):
             ClosedError: The environment is closed.
             ResetNeededError: No test has begun.
         """
-        self._batch.check_open()
-        if self.render_mode is None:
-            warn_of_no_picture()
-            return None
-        self._batch.check_begun()
-        return top_view(self._batch.worlds, 0, self._batch.run.setting.road)
+        pictures = self._batch.pictures(self.render_mode)
+        return None if pictures is None else pictures[0]
 
     def close(self) -> None:
         """Release the environment's threads and memory; a second call does nothing."""
@@ -134,11 +118,8 @@ class AdversaryEnv(_SingleEnv):
     Observation: float32 (41,), `sim.observe.observe`. Action: one of 33, see `info["action_mask"]`.
 
     Args:
-        reward: One of `adversary.worlds.rewards.REWARDS`.
-        delay: For `avoidable`: the AV's time to react [s], 0 to 10.
-        render_mode: None or "rgb_array".
-        world: `av` (a built-in one), `odd`, `lanes`, `model` and `bounded`, as in `WorldOptions`; with `bounded` the
-            mask forbids what the naturalistic model calls impossible (paper, equation 12).
+        options: Those of `options.Adversary`, by name; with `bounded` the mask forbids what the naturalistic model
+            calls impossible (paper, equation 12).
 
     Raises:
         CornerForgeError: A name, number or file is not right.
@@ -170,12 +151,7 @@ class DrivingEnv(_SingleEnv):
     minus 1 for a crash.
 
     Args:
-        bv: The others: "nde", "idm", one of `world_options.PLAIN_ADVERSARIES`, or a policy file.
-        actions: "discrete", one of 33, or "box", two numbers (`spaces.av_commands`).
-        act_every: Tenths of a second between two decisions: 1, 2, 5 or 10; None for the ODD's own.
-        render_mode: None or "rgb_array".
-        world: `odd`, `lanes`, `model` and `bounded`, as in `WorldOptions`; `bounded` is for plain adversaries, a policy
-            file says it itself.
+        options: Those of `options.Driving`, by name; `bounded` is for plain adversaries, a policy file says it itself.
 
     Raises:
         CornerForgeError: A name, number or file is not right.

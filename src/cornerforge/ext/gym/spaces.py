@@ -2,21 +2,42 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from gymnasium import spaces
+from gymnasium import error, spaces
 from numpy.typing import NDArray
 
+from cornerforge._words import shown
 from cornerforge.errors import InputError
 from cornerforge.sim import HIGHEST_COMMAND, LOWEST_COMMAND, N_OBSERVATION, N_OWN, SIGHT, VIEW_COLUMNS, VIEW_ROWS
 from cornerforge.types import ACTION_ACCELERATIONS, ACTION_SIDES, N_ACTIONS, Odd
 
 __all__ = [
+    "ClosedError",
+    "InvalidActionError",
+    "ResetNeededError",
     "adversary_observations",
     "av_commands",
+    "checked",
     "driving_actions",
     "driving_observations",
+    "numbers_of",
     "one_of_33",
 ]
+
+
+class ResetNeededError(InputError, error.ResetNeeded):
+    """No test runs: it has not begun, or it has ended."""
+
+
+class InvalidActionError(InputError, error.InvalidAction):
+    """An action is not one of the action space."""
+
+
+class ClosedError(InputError, error.ClosedEnvironmentError):
+    """The environment was closed."""
+
 
 _LATERAL_SPEED = 25.0
 """Bound above the lateral speed of any lane change [m/s], even of one that is aborted and begun again all the time."""
@@ -86,3 +107,40 @@ def av_commands(actions: NDArray[np.generic], *, box: bool) -> tuple[NDArray[np.
         return held, ((wish[:, 1] > _LANE_ORDER_FROM).astype(np.int64) - (wish[:, 1] < -_LANE_ORDER_FROM))
     index = actions.astype(np.int64)
     return ACTION_ACCELERATIONS[index], ACTION_SIDES[index]
+
+
+def numbers_of(actions: object) -> NDArray[Any]:
+    """Make an array of given actions; from input that is no array, such as a ragged list, one of objects.
+
+    >>> numbers_of([1, 2]).dtype.kind, numbers_of([[1], [1, 2]]).dtype.kind
+    ('i', 'O')
+    """
+    try:
+        return np.asarray(actions)
+    except ValueError:
+        return np.array(None, dtype=object)
+
+
+def checked(name: str, given: object, space: spaces.Space[Any], worlds: tuple[int, ...] = ()) -> NDArray[Any]:
+    """Give actions as an array.
+
+    Args:
+        name: For the message.
+        given: One action of the space, or as many as there are worlds.
+        space: The action space of one world.
+        worlds: (B,), or () for one action.
+
+    Raises:
+        InvalidActionError: They are something else.
+    """
+    array, number = numbers_of(given), "a whole number" if not worlds else f"{worlds[0]} whole numbers"
+    right = array.shape == (*worlds, *(space.shape or ()))
+    if isinstance(space, spaces.Discrete):
+        right = right and array.dtype.kind in "iu" and bool(((array >= 0) & (array < space.n)).all())
+        allowed = f"{number} from 0 to {space.n - 1}"
+    else:
+        right = right and array.dtype.kind in "iuf" and bool(np.isfinite(array).all())
+        allowed = f"{(*worlds, *(space.shape or ()))} finite numbers from -1 to 1"
+    if not right:
+        raise InvalidActionError(f"{name} = {shown(given)} is not allowed; give {allowed}.")
+    return array

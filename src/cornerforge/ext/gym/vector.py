@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -16,12 +15,17 @@ from cornerforge._options import made_of
 from cornerforge._schema import is_several
 from cornerforge._words import shown
 from cornerforge.errors import InputError
-from cornerforge.ext.gym.batch import OUTCOMES, Batch, check_seed, numbers_of, read_options
-from cornerforge.ext.gym.misuse import InvalidActionError, ResetNeededError, warn_of_no_picture
+from cornerforge.ext.gym.batch import OUTCOMES, Batch, adversary_batch, check_seed, driving_batch, read_options
 from cornerforge.ext.gym.options import AdversaryVector, DrivingVector
-from cornerforge.ext.gym.raster import top_view
-from cornerforge.ext.gym.runs import adversary_batch, driving_batch
-from cornerforge.ext.gym.spaces import adversary_observations, driving_actions, driving_observations, one_of_33
+from cornerforge.ext.gym.spaces import (
+    ResetNeededError,
+    adversary_observations,
+    checked,
+    driving_actions,
+    driving_observations,
+    numbers_of,
+    one_of_33,
+)
 
 __all__ = ["AdversaryVectorEnv", "DrivingVectorEnv"]
 
@@ -136,7 +140,7 @@ class _BatchVectorEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]
         """
         batch = self._batch
         batch.check_begun()
-        given = self._checked(actions)
+        given = checked("actions", actions, self.single_action_space, (self.num_envs,))
         ended_before = batch.is_over.copy()
         if (ended_before.any() and self._mode != AutoresetMode.NEXT_STEP) or (batch.outcome == 0)[ended_before].any():
             raise ResetNeededError(
@@ -172,24 +176,6 @@ class _BatchVectorEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]
             "_final_info": ended.copy(),
         }
 
-    def _checked(self, actions: Any) -> NDArray[Any]:
-        given = numbers_of(actions)
-        space = self.single_action_space
-        if given.shape != (self.num_envs, *(space.shape or ())):
-            raise InvalidActionError(
-                f"actions = {shown(actions)} have shape {given.shape}; allowed: "
-                f"{(self.num_envs, *(space.shape or ()))}."
-            )
-        if isinstance(space, gymnasium.spaces.Discrete):
-            right = given.dtype.kind in "iu" and bool(((given >= 0) & (given < space.n)).all())
-            allowed = f"whole numbers from 0 to {space.n - 1}"
-        else:
-            right = given.dtype.kind in "iuf" and bool(np.isfinite(given).all())
-            allowed = "finite numbers from -1 to 1"
-        if not right:
-            raise InvalidActionError(f"actions = {shown(actions)} of type {given.dtype}; allowed: {allowed}.")
-        return given
-
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Draw one picture for each world, see `raster.top_view`; None without render_mode "rgb_array".
 
@@ -197,12 +183,8 @@ class _BatchVectorEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]
             ClosedError: The environment is closed.
             ResetNeededError: A world has had no test.
         """
-        self._batch.check_open()
-        if self.render_mode is None:
-            warn_of_no_picture()
-            return None
-        self._batch.check_begun()
-        return tuple(top_view(self._batch.worlds, b, self._batch.run.setting.road) for b in range(self.num_envs))
+        pictures = self._batch.pictures(self.render_mode)
+        return None if pictures is None else tuple(pictures)
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
         """End the threads. Gymnasium before 1.2 calls this also for an object that could not be made."""
@@ -214,10 +196,7 @@ class AdversaryVectorEnv(_BatchVectorEnv):
     """Many `AdversaryEnv` in one.
 
     Args:
-        num_envs: Number of worlds.
-        threads: Threads that share them; None for all cores where there are enough worlds. Changes no result.
-        autoreset_mode: When worlds with an ended test begin again: "NextStep", "SameStep" or "Disabled".
-        reward, delay, render_mode, world: As for `AdversaryEnv`.
+        options: Those of `options.AdversaryVector`, by name.
 
     Raises:
         CornerForgeError: A name, number or file is not right.
@@ -243,8 +222,7 @@ class DrivingVectorEnv(_BatchVectorEnv):
     """Many `DrivingEnv` in one.
 
     Args:
-        num_envs, threads, autoreset_mode: As for `AdversaryVectorEnv`.
-        bv, actions, act_every, render_mode, world: As for `DrivingEnv`.
+        options: Those of `options.DrivingVector`, by name.
 
     Raises:
         CornerForgeError: A name, number or file is not right.

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cornerforge.errors import CornerForgeError
 from cornerforge.experiment.output import read_json_file
-from cornerforge.ext.explorer import FILES
+from cornerforge.ext.explorer.sources import FILES
 from cornerforge.library import CaseLibrary
 
 __all__ = ["analysis_beside", "own_folder"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -20,6 +21,9 @@ from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.output import code_hash, read_json_file, write_json
 from cornerforge.experiment.policy_file import Policy, load_policy, policy_hash, save_policy
 from cornerforge.experiment.setting import experiment
+from cornerforge.intervals import binomial_interval
+from cornerforge.library import CaseLibrary
+from cornerforge.library.filling import fill_library
 from cornerforge.ndd.model import model_hash
 from cornerforge.results import as_json
 from cornerforge.sim import Tally, crashed_tests
@@ -34,7 +38,21 @@ from cornerforge.verbs.train import (
 from cornerforge.work.progress import Progress
 from cornerforge.world_options import WorldOptions
 
-__all__ = ["PLAIN", "REPRODUCE_EFFORTS", "Adversary", "Bench", "ReproduceEffort"]
+__all__ = [
+    "BOUNDED",
+    "FREE",
+    "PAPER_BOUNDED_CASES",
+    "PAPER_CASES",
+    "PLAIN",
+    "REPRODUCE_EFFORTS",
+    "Adversary",
+    "Bench",
+    "Filled",
+    "ReproduceEffort",
+    "library_of",
+    "missing_note",
+    "pooled",
+]
 
 PLAIN = ("uniform", "lane-changer", "swerve")
 """Plain adversaries, shown beside every learned one."""
@@ -111,6 +129,12 @@ class Adversary:
         return f"{what}.{'bounded' if self.bounded else 'free'}"
 
 
+FREE = Adversary("learned", bounded=False, trained_on="idm-mobil", reward="crash")
+BOUNDED = Adversary("learned", bounded=True, trained_on="idm-mobil", reward="crash")
+PAPER_CASES = 50_000
+PAPER_BOUNDED_CASES = 1_627
+_MAX_TESTS = 3_000_000
+"""A library that would need more tests is left out."""
 _TRIED = tuple(name for name, model in AVS.items() if model.kind not in ("careful", "flawed"))
 """Built-in AVs that are tried unless more are asked for: reference drivers are a yardstick, flawed ones a test."""
 
@@ -342,3 +366,93 @@ def keep(path: Path, inputs: dict[str, Any], work: Callable[[], dict[str, Any]])
             return dict(content["result"])
     write_json(path, {"made_of": inputs, "result": work()})
     return dict(read_json_file(path)["result"])
+
+
+@dataclass(frozen=True)
+class Filled:
+    """A library of a bench.
+
+    Attributes:
+        folder: Where it is.
+        cases: How many it holds.
+        seconds: What generating and storing it took [s].
+    """
+
+    folder: Path
+    cases: int
+    seconds: float
+
+    def open(self) -> CaseLibrary:
+        """Open it for reading."""
+        return CaseLibrary.open(self.folder)
+
+
+def library_of(bench: Bench, adversary: Adversary) -> Filled | None:
+    """The library of an adversary against the surrogate AV, filled now unless it is there; None if crashes are rare.
+
+    It has the cases of the effort; the bounded one not more than the paper's 1,627.
+    """
+    cases = _wanted(bench, adversary)
+    if bench.judged(adversary, "idm-mobil")["crashes_per_test"] * _MAX_TESTS < cases:
+        return None
+    run = bench.experiment("idm-mobil", adversary)
+    folder = bench.folder / "libraries" / adversary.key
+
+    def work() -> dict[str, Any]:
+        if folder.exists():  # what an interrupted run left would be continued, and the time would be too short
+            shutil.rmtree(folder)
+        filled = fill_library(
+            run, folder, seed=bench.seed, cases=cases, threads=bench.threads, progress=bench.progress,
+            stage=f"generate ({adversary.key})",
+        )  # fmt: skip
+        return {"cases": cases, "seconds": filled.seconds}
+
+    policy = None if run.policy is None else policy_hash(run.policy)
+    name, made_of = f"library.{adversary.key}", {"policy": policy, "cases": cases}
+    if not folder.exists():
+        bench.forget(name)
+    made = bench.kept(name, made_of, work)
+    return Filled(folder, made["cases"], made["seconds"])
+
+
+def missing_note(bench: Bench, adversary: Adversary) -> str:
+    """Say why there is no library."""
+    cases = _wanted(bench, adversary)
+    return f"No library of {adversary.key}: its yield is too low for {cases:,} cases in {_MAX_TESTS:,} tests."
+
+
+def _wanted(bench: Bench, adversary: Adversary) -> int:
+    return min(PAPER_BOUNDED_CASES, bench.size.cases) if adversary.bounded else bench.size.cases
+
+
+def pooled(judged: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The mean yield over seeds, with an interval that covers every seed's.
+
+    Args:
+        judged: What `Bench.judged` gave for each seed, at least one, of equal numbers of tests.
+
+    Returns:
+        `crashes_per_test`, the mean; `interval95`, from the lowest to the highest end of the seeds' exact intervals (so
+        its lower end belongs to the worst seed); `tests`, `crashes`, `avoidable`, `struck`, `typed`, `crash_types` and
+        `strikers` summed; the same mean and interval as `avoidable_per_test` and `avoidable_interval95` for avoidable
+        crashes; `seeds`, each seed's own yield.
+    """
+    shares = [rate["crashes_per_test"] for rate in judged]
+    ends = [rate["interval95"] for rate in judged]
+    sums = {name: sum(rate[name] for rate in judged) for name in ("tests", "crashes", "avoidable", "struck", "typed")}
+    avoidable = [binomial_interval(rate["avoidable"], rate["tests"]) for rate in judged]
+    tables: dict[str, dict[str, int]] = {}
+    for name in ("crash_types", "strikers"):
+        total: Counter[str] = Counter()
+        for rate in judged:
+            total.update(rate[name])
+        tables[name] = {key: total[key] for key in judged[0][name]}
+    return {
+        "crashes_per_test": sum(shares) / len(shares),
+        "interval95": (min(low for low, _ in ends), max(high for _, high in ends)),
+        "avoidable_per_test": sum(rate["avoidable"] / rate["tests"] for rate in judged) / len(judged),
+        "avoidable_interval95": (min(low for low, _ in avoidable), max(high for _, high in avoidable)),
+        **sums,
+        **tables,
+        "seeds": shares,
+    }

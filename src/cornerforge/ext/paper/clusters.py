@@ -10,17 +10,18 @@ import numpy as np
 from cornerforge.analysis.analyse import Analysis, analyse
 from cornerforge.analysis.dbscan import MAJORITY_SHARE, neighbour_distance
 from cornerforge.analysis.sensitivity import split_sensitivity
-from cornerforge.ext.paper.bench import Adversary, Bench
-from cornerforge.ext.paper.figure7 import thinned
-from cornerforge.ext.paper.item import Finding, Item, Row, Value
-from cornerforge.ext.paper.libraries import (
+from cornerforge.ext.paper.bench import (
     BOUNDED,
     FREE,
     PAPER_BOUNDED_CASES,
     PAPER_CASES,
+    Adversary,
+    Bench,
     library_of,
     missing_note,
 )
+from cornerforge.ext.paper.figure7 import thinned
+from cornerforge.ext.paper.item import Finding, Item, Row, Value, nothing
 from cornerforge.intervals import binomial_interval
 from cornerforge.library import CaseLibrary
 
@@ -38,11 +39,11 @@ class Analysed:
     analysis: Analysis
 
 
-def analysed(bench: Bench, adversary: Adversary) -> Analysed | None:
-    """Analyse the library of an adversary; None if it does not exist."""
+def analysed(bench: Bench, adversary: Adversary) -> Analysed | str:
+    """Analyse the library of an adversary, or say why it does not exist."""
     filled = library_of(bench, adversary)
     if filled is None:
-        return None
+        return missing_note(bench, adversary)
     library = filled.open()
     ids, history = library.history()
     length, width = library.sizes()
@@ -64,10 +65,8 @@ def letters(analysis: Analysis) -> list[str]:
 def compute(bench: Bench, adversary: Adversary) -> Finding:
     """Clusters of the library of an adversary against the surrogate AV."""
     found = analysed(bench, adversary)
-    if found is None:
-        why = missing_note(bench, adversary)
-        nothing = Row(_headline_of(adversary), _paper(adversary)["clusters"], None, None, "", why)
-        return Finding(nothing, [nothing], {}, [why])
+    if isinstance(found, str):
+        return nothing(_headline_of(adversary), _paper(adversary)["clusters"], found)
     rows = _rows(found.analysis, _paper(adversary))
     headline = next(row for row in rows if row.what == _headline_of(adversary))
     return Finding(headline, rows, _data(found.analysis), list(_NOTES))

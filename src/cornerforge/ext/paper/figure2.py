@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from cornerforge.experiment.policy_file import Policy, policy_hash
-from cornerforge.ext.paper.bench import Adversary, Bench
+from cornerforge.ext.paper.bench import FREE, Adversary, Bench, pooled
 from cornerforge.ext.paper.item import Finding, Item, Row
-from cornerforge.ext.paper.pooled import pooled
 from cornerforge.intervals import binomial_interval
 
 __all__ = ["FIGURE2", "PAPER_SECONDS", "PAPER_YIELD", "seconds_to_yield"]
@@ -47,22 +46,21 @@ def seconds_to_yield(policy: Policy, wanted: float = PAPER_YIELD) -> float | Non
 
 def compute(bench: Bench) -> Finding:
     """Curves of preset `fast` (each seed) and, where given, of a policy of preset `paper`; yields after training."""
-    learned = Adversary("learned", bounded=False, trained_on="idm-mobil", reward="crash")
     curves, judged = [], []
     for k in range(bench.size.seeds):
-        curves.append(_curve(bench.timed_policy(learned, k), f"preset fast, seed {bench.seed + k}"))
-        judged.append(bench.judged(learned, "idm-mobil", k))
+        curves.append(_curve(bench.timed_policy(FREE, k), f"preset fast, seed {bench.seed + k}"))
+        judged.append(bench.judged(FREE, "idm-mobil", k))
     fast = pooled(judged)
     note = f"preset fast, {bench.size.decisions:,} decisions, greedy, on tests of its own"
     headline = Row(
         "crashes of the AV per test with the trained adversary", PAPER_YIELD, fast["crashes_per_test"],
         fast["interval95"], "crashes per test", note,
     )  # fmt: skip
-    rows = [headline, *_times(bench, learned)]
+    rows = [headline, _time(bench)]
     notes = [
         "A point of our curves is the share of crashes among the tests that ended since the point before, exploring "
         "actions included; the shade is its exact 95 % interval. After training the policy acts greedily on "
-        f"{bench.size.tests:,} tests that nothing was trained on.{_guided(bench.config(learned).guided)}",
+        f"{bench.size.tests:,} tests that nothing was trained on.{_guided(bench.config(FREE).guided)}",
         "Of the paper's curve the text states the end only; it is drawn as one mark, and no value is read off the "
         "picture. Whether its 0.286 is per test, and with exploration on or off, is not said.",
     ]
@@ -96,13 +94,13 @@ def _guided(share: float) -> str:
     )
 
 
-def _times(bench: Bench, learned: Adversary) -> list[Row]:
+def _time(bench: Bench) -> Row:
     """Training time to the paper's yield, the slowest seed's."""
-    times = [seconds_to_yield(bench.timed_policy(learned, k)) for k in range(bench.size.seeds)]
+    times = [seconds_to_yield(bench.timed_policy(FREE, k)) for k in range(bench.size.seeds)]
     known = [t for t in times if t is not None]
     note = "" if len(known) == len(times) else f"{len(times) - len(known)} of {len(times)} seeds never reached it"
     slowest = max(known) if len(known) == len(times) else None
-    return [Row(f"training time to a yield of {PAPER_YIELD}", PAPER_SECONDS, slowest, None, "s", note)]
+    return Row(f"training time to a yield of {PAPER_YIELD}", PAPER_SECONDS, slowest, None, "s", note)
 
 
 def _paper_preset(bench: Bench, policy: Policy) -> tuple[Row, dict[str, Any]]:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from cornerforge.drivers.avs import av_hash
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.policy_file import policy_hash
-from cornerforge.ext.paper.bench import Adversary, Bench
+from cornerforge.ext.paper.bench import BOUNDED, FREE, Adversary, Bench
 from cornerforge.ext.paper.item import Finding, Item, Row
 from cornerforge.intervals import poisson_interval
 from cornerforge.sim import simulate_chunks, statistics, warm_up
@@ -46,31 +45,13 @@ _DEFINITIONS = (
 )
 
 
-@dataclass(frozen=True)
-class _Exposure:
+class _Exposure(NamedTuple):
     """Counts of one world by block: (BLOCKS, 4, bins) samples, and (BLOCKS,) AV seconds and miles."""
 
     samples: NDArray[np.int64]
     seconds: NDArray[np.int64]
     miles: NDArray[np.float64]
     tests: int
-
-    def as_json(self) -> dict[str, Any]:
-        return {
-            "samples": self.samples.tolist(),
-            "seconds": self.seconds.tolist(),
-            "miles": self.miles.tolist(),
-            "tests": self.tests,
-        }
-
-
-def _from_json(content: dict[str, Any]) -> _Exposure:
-    return _Exposure(
-        np.array(content["samples"], dtype=np.int64),
-        np.array(content["seconds"], dtype=np.int64),
-        np.array(content["miles"]),
-        int(content["tests"]),
-    )
 
 
 def _count(bench: Bench, run: Experiment, label: str) -> dict[str, Any]:
@@ -95,13 +76,15 @@ def _count(bench: Bench, run: Experiment, label: str) -> dict[str, Any]:
         if number + 1 >= BLOCKS and miles.sum() >= bench.size.miles:
             break
     chunks.close()
-    return _Exposure(samples, seconds, miles, tests).as_json()
+    return {"samples": samples.tolist(), "seconds": seconds.tolist(), "miles": miles.tolist(), "tests": tests}
 
 
 def _exposure(bench: Bench, name: str, adversary: Adversary | None) -> _Exposure:
     run = bench.experiment("idm-mobil", adversary)
     made_of = {"av_hash": av_hash(run.av), "policy": None if run.policy is None else policy_hash(run.policy)}
-    return _from_json(bench.kept(f"exposure.{name}", made_of, lambda: _count(bench, run, name)))
+    kept = bench.kept(f"exposure.{name}", made_of, lambda: _count(bench, run, name))
+    samples, seconds, miles = (np.array(kept[part]) for part in ("samples", "seconds", "miles"))
+    return _Exposure(samples, seconds, miles, kept["tests"])
 
 
 def _median(grid: statistics.HistogramGrid, counts: NDArray[np.int64]) -> float:
@@ -179,12 +162,10 @@ def _rows(worlds: dict[str, _Exposure]) -> list[Row]:
 
 def compute(bench: Bench) -> Finding:
     """Natural traffic, the adversary, and the bounded one; at least the wished miles of the AV in each."""
-    learned = Adversary("learned", bounded=False, trained_on="idm-mobil", reward="crash")
-    bounded = Adversary("learned", bounded=True, trained_on="idm-mobil", reward="crash")
     worlds = {
         _NATURAL: _exposure(bench, "natural", None),
-        _ADVERSARY: _exposure(bench, "adversary", learned),
-        _BOUNDED: _exposure(bench, "bounded", bounded),
+        _ADVERSARY: _exposure(bench, "adversary", FREE),
+        _BOUNDED: _exposure(bench, "bounded", BOUNDED),
     }
     rows = [
         Row(

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from cornerforge.analysis.crash_types import CRASH_TYPES
-from cornerforge.ext.paper.bench import Adversary, Bench
+from cornerforge.ext.paper.bench import BOUNDED, FREE, Bench, pooled
 from cornerforge.ext.paper.item import Finding, Item, Row
-from cornerforge.ext.paper.pooled import pooled
 from cornerforge.intervals import binomial_interval
 
 __all__ = ["FIGURE5"]
@@ -19,11 +18,10 @@ _SECOND = "rl"
 def compute(bench: Bench) -> Finding:
     """Types of the crashes that the adversary of the surrogate makes, unbounded and bounded, of each AV."""
     groups, rows = [], []
-    for bounded in (False, True):
-        adversary = Adversary("learned", bounded=bounded, trained_on=_SURROGATE, reward="crash")
+    for adversary in (FREE, BOUNDED):
         for av in (name for name in (_SURROGATE, _SECOND) if name in bench.avs):
             judged = pooled([bench.judged(adversary, av, k) for k in range(bench.size.seeds)])
-            group = _group(judged, av, bounded)
+            group = _group(judged, av, adversary.bounded)
             groups.append(group)
             rows += _rows(group)
     main = groups[0]

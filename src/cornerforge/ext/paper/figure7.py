@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.analysis.periods import Period, analyse_periods
-from cornerforge.ext.paper.bench import Adversary, Bench
+from cornerforge.ext.paper.bench import BOUNDED, FREE, Adversary, Bench, library_of, missing_note
 from cornerforge.ext.paper.item import Finding, Item, Row, Value
-from cornerforge.ext.paper.libraries import BOUNDED, FREE, library_of, missing_note
 from cornerforge.intervals import binomial_interval
 
 __all__ = ["FIGURE7", "thinned"]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 if TYPE_CHECKING:
     from cornerforge.ext.paper.bench import Bench
 
-__all__ = ["Finding", "Item", "Row", "Value"]
+__all__ = ["Finding", "Item", "Row", "Value", "nothing"]
 
 Value: TypeAlias = float | int | str | None
 
@@ -55,6 +55,12 @@ class Finding:
         """The headline's keys (`what`, `paper`, `ours`, `interval`, `unit`, `note`), then rows, data and notes."""
         rows = [asdict(row) for row in self.rows]
         return {**asdict(self.headline), "rows": rows, "data": dict(self.data), "notes": list(self.notes)}
+
+
+def nothing(what: str, paper: Value, why: str, unit: str = "") -> Finding:
+    """Make the result of an item that has none, and say why."""
+    row = Row(what, paper, None, None, unit, why)
+    return Finding(row, [row], {}, [why])
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from cornerforge.ext.paper.bench import PLAIN, Adversary, Bench
+from cornerforge.ext.paper.bench import PLAIN, Adversary, Bench, pooled
 from cornerforge.ext.paper.item import Finding, Item, Row
-from cornerforge.ext.paper.pooled import pooled
 
 __all__ = ["MATRIX", "adversaries"]
 

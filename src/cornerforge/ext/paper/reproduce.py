@@ -19,15 +19,30 @@ from cornerforge.experiment.output import (
     write_json,
 )
 from cornerforge.ext.paper.bench import REPRODUCE_EFFORTS, Bench, keep
+from cornerforge.ext.paper.clusters import FIGURE8, FIGURE10
+from cornerforge.ext.paper.examples import FIGURE6, FIGURE9, FIGURE11
+from cornerforge.ext.paper.figure2 import FIGURE2
+from cornerforge.ext.paper.figure3 import FIGURE3
+from cornerforge.ext.paper.figure5 import FIGURE5
+from cornerforge.ext.paper.figure7 import FIGURE7
 from cornerforge.ext.paper.item import Item
+from cornerforge.ext.paper.matrix import MATRIX
 from cornerforge.ext.paper.options import Reproduce
-from cornerforge.ext.paper.registry import ITEMS
+from cornerforge.ext.paper.table1 import TABLE1
+from cornerforge.ext.paper.timings import TIMINGS
 from cornerforge.ndd.model import model_hash
 from cornerforge.results import Reproduced, from_json
 from cornerforge.results.reproduction import PaperItem
 
-__all__ = ["REPRODUCE_EFFORTS", "reproduce", "reproduction_text"]
+__all__ = ["ITEMS", "REPRODUCE_EFFORTS", "reproduce", "reproduction_text"]
 
+ITEMS: dict[str, Item] = {
+    item.id: item
+    for item in (
+        TABLE1, FIGURE2, FIGURE3, FIGURE5, FIGURE6, FIGURE7, FIGURE8, FIGURE9, FIGURE10, FIGURE11, MATRIX, TIMINGS,
+    )
+}  # fmt: skip
+"""All items, in the order of the page. A new one: a module, an entry here, a renderer in the report."""
 _SHOWN = tuple(one.name for one in fields(PaperItem))
 
 

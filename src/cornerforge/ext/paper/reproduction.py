@@ -7,14 +7,12 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from cornerforge._files import write_bytes
 from cornerforge._schema import Declared
-from cornerforge.errors import MissingExtraError
 from cornerforge.ext.paper.reproduction_clusters import cluster_pictures, example_pictures, period_pictures
 from cornerforge.ext.paper.reproduction_figures import (
     Picture,
@@ -73,16 +71,6 @@ class _Made(Declared):
     machine: dict[str, Any]
 
 
-@dataclass(frozen=True)
-class _Section:
-    """One item as the template takes it."""
-
-    item: _Item
-    headline: str
-    pictures: list[tuple[str, str]]
-    table: Table
-
-
 def check_reproduction() -> None:
     """Check, before long work, that the page can be made.
 
@@ -90,10 +78,7 @@ def check_reproduction() -> None:
         MissingExtraError: matplotlib or jinja2 is not installed.
     """
     check_matplotlib()
-    try:
-        import jinja2  # noqa: F401
-    except ImportError:
-        raise MissingExtraError("jinja2", "report") from None
+    environment()
 
 
 def write_reproduction(out: Path) -> Path:
@@ -117,7 +102,8 @@ def write_reproduction(out: Path) -> Path:
     return write_page(_render(found, made, sections), out / "index.html")
 
 
-def _section(item: _Item, folder: Path) -> _Section:
+def _section(item: _Item, folder: Path) -> dict[str, Any]:
+    """Draw an item's pictures, and give what the template takes."""
     drawn = RENDERERS[item.id](item.data) if item.id in RENDERERS else []
     pictures = []
     for picture in drawn:
@@ -125,7 +111,7 @@ def _section(item: _Item, folder: Path) -> _Section:
         write_bytes(folder / f"{picture.name}.png", png)
         write_bytes(folder / f"{picture.name}.svg", svg_of(picture.drawing))
         pictures.append((base64.b64encode(png).decode("ascii"), picture.caption))
-    return _Section(item, _headline(item), pictures, _table(item))
+    return {"item": item, "headline": _headline(item), "pictures": pictures, "table": _table(item)}
 
 
 def _headline(item: PaperItem) -> str:
@@ -159,7 +145,7 @@ def _ends(row: PaperItem | PaperRow) -> str:
     return "" if row.interval is None else " to ".join(map(_value, row.interval))
 
 
-def _render(found: _Items, made: _Made, sections: list[_Section]) -> str:
+def _render(found: _Items, made: _Made, sections: list[dict[str, Any]]) -> str:
     pages = environment()
     from markupsafe import Markup
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from cornerforge.ext.paper.reproduction_figures import Picture
 from cornerforge.report.drawing import BLUE, GREEN, GREY, ORANGE, new_figure
+from cornerforge.report.moments import corners_of
 
 __all__ = ["cluster_pictures", "example_pictures", "period_pictures"]
 
@@ -190,8 +191,5 @@ def _draw_example(panel: Any, example: Data) -> None:
     panel.set_title(f"{example['title']}\n{happened[:1].upper()}{happened[1:]}", fontsize=9, loc="left")
 
 
-def _corners(box: list[float]) -> list[tuple[float, float]]:
-    x, y, heading, length, width = box
-    c, s = 0.5 * length * math.cos(heading), 0.5 * length * math.sin(heading)
-    u, v = -0.5 * width * math.sin(heading), 0.5 * width * math.cos(heading)
-    return [(x + c + u, y + s + v), (x - c + u, y - s + v), (x - c - u, y - s - v), (x + c - u, y + s - v)]
+def _corners(box: list[float]) -> Any:
+    return corners_of(*np.array(box)[:, None])[0]

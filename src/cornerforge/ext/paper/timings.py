@@ -11,10 +11,9 @@ from cornerforge.analysis.features import crash_features
 from cornerforge.analysis.grouping import group_features
 from cornerforge.analysis.kmeans import k_means_in
 from cornerforge.experiment.policy_file import policy_hash
-from cornerforge.ext.paper.bench import Adversary, Bench
+from cornerforge.ext.paper.bench import BOUNDED, FREE, Adversary, Bench, Filled, library_of, missing_note
 from cornerforge.ext.paper.figure2 import PAPER_SECONDS, PAPER_YIELD, seconds_to_yield
 from cornerforge.ext.paper.item import Finding, Item, Row
-from cornerforge.ext.paper.libraries import BOUNDED, FREE, Filled, library_of, missing_note
 from cornerforge.verbs.analyse import analyse
 
 __all__ = ["TIMINGS"]

@@ -33,11 +33,9 @@ from cornerforge.results import Plausibility, as_json, from_json
 from cornerforge.results.cases import NaturalPlausibility, PlausibilityRow, PlausibilityRun
 from cornerforge.verbs.train import EVALUATION_TESTS, evaluate, learn, training_faults
 from cornerforge.work.progress import Progress
-from cornerforge.world_options import WorldOptions
 
-__all__ = ["BUDGETS_NATS", "plausibility", "plausibility_text"]
+__all__ = ["plausibility", "plausibility_text"]
 
-BUDGETS_NATS = (10.0, 20.0, 40.0, 60.0, 80.0)
 _NATURAL_TESTS = 500
 
 
@@ -86,8 +84,7 @@ def plausibility(options: PlausibilityStudy) -> Plausibility:
         run = experiment(world, bv="uniform", bounded=bounded, budget=budget, takes_foreign=True, seed=options.seed)
         run.keep_printed(folder / AV_LOG)
         runs = tuple(
-            _one(folder, run, config, options.seed + k, options.seed, options.tests, n_threads, options.progress, world)
-            for k in range(options.seeds)
+            _one(folder, run, config, options, options.seed + k, n_threads) for k in range(options.seeds)
         )  # fmt: skip
         rows.append(PlausibilityRow(budget=budget, bounded=bounded, runs=runs))
     result = Plausibility(
@@ -100,18 +97,18 @@ def plausibility(options: PlausibilityStudy) -> Plausibility:
 
 
 def _one(
-    folder: Path, run: Experiment, config: TrainConfig, train_seed: int, seed: int, tests: int, threads: int,
-    progress: Progress, world: WorldOptions,
-) -> PlausibilityRun:  # fmt: skip
+    folder: Path, run: Experiment, config: TrainConfig, options: PlausibilityStudy, train_seed: int, threads: int
+) -> PlausibilityRun:
     """Train and measure one policy; keep the result in a file of its own."""
     mask = "unbounded" if not run.bounded else "bounded" if run.budget is None else f"{run.budget:g}"
     done = folder / f"{mask}-{train_seed}.json"
     kept = folder / f"{mask}-{train_seed}.safetensors"
     if done.exists() and kept.exists():
         return from_json(PlausibilityRun, read_json_file(done))
+    seed, tests, progress = options.seed, options.tests, options.progress
     policy, result = learn(run, config, seed=train_seed, threads=threads, progress=progress)
     save_policy(policy, kept)
-    hostile = experiment(world, policy=policy, takes_foreign=True, seed=seed)
+    hostile = experiment(options.world(), policy=policy, takes_foreign=True, seed=seed)
     hostile.keep_printed(folder / AV_LOG)
     found = PlausibilityRun(
         train_seed=train_seed,

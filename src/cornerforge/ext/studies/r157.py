@@ -5,10 +5,10 @@ from __future__ import annotations
 import csv
 import io
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ from cornerforge.experiment.output import (
 from cornerforge.experiment.setting import AV_LOG, experiment, road_of
 from cornerforge.ext.studies.options import R157
 from cornerforge.ext.studies.r157_roads import closing_at_least, cut_in_density
-from cornerforge.ext.studies.r157_scenarios import FAMILIES, Panel, panels, rails_of_panel, road_of_r157
+from cornerforge.ext.studies.r157_scenarios import FAMILIES, Driven, Panel, panels, rails_of_panel, road_of_r157
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.library.filling import MODEL_FILE
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
@@ -39,9 +39,6 @@ from cornerforge.results import Regulated
 from cornerforge.results.r157 import RegulatedFamily, RegulatedPair, RegulatedRoads
 from cornerforge.sim import AV_CRASH, AV_FAULT, NOBODY, RAILS, Rails, Setting, simulate_chunks
 from cornerforge.work import in_order
-
-if TYPE_CHECKING:
-    from cornerforge.ext.studies.r157_page import R157Picture
 
 __all__ = ["r157", "r157_text"]
 
@@ -54,33 +51,6 @@ _OUTCOMES = {AV_CRASH: "failed", AV_FAULT: "fault"}
 _UP = {"cut-in": "lateral_speed_mps", "cut-out": "lateral_speed_mps", "deceleration": "deceleration_mps2"}
 _ACROSS = {"cut-in": "gap_m", "cut-out": "gap_ahead_of_lead_m", "deceleration": "time_gap_s"}
 """Family -> column of what changes along a picture's axes."""
-
-
-@dataclass(frozen=True)
-class _Driven:
-    """Outcomes of a panel's scenarios.
-
-    Attributes:
-        panel: The panel.
-        code: Outcome of the AV, (S,).
-        crashes: Whether each of `_DRIVERS` crashes, by name, bool (S,).
-    """
-
-    panel: Panel
-    code: NDArray[np.uint8]
-    crashes: Mapping[str, NDArray[np.bool_]]
-
-    @property
-    def known(self) -> NDArray[np.bool_]:
-        return np.asarray(self.code != AV_FAULT)
-
-    @property
-    def failed(self) -> NDArray[np.bool_]:
-        return np.asarray(self.code == AV_CRASH)
-
-    def prevented(self, driver: str) -> NDArray[np.bool_]:
-        """Scenarios in which the AV fails and the driver does not, (S,)."""
-        return self.failed & ~self.crashes[driver]
 
 
 @verb(R157)
@@ -115,13 +85,13 @@ def r157(options: R157) -> Regulated:
         run.keep_printed(place / AV_LOG)
     total = sum(map(len, wanted))
     forecast(run, options.threads, f"{total:,} scenarios", tests=total)
-    driven: list[_Driven] = []
+    driven: list[Driven] = []
     library = None if place is None else _open_library(run, place / "library", options.seed)
     for panel in wanted:
         rails = rails_of_panel(panel, odd)
         setting = _setting(run.setting, panel, rails)
         driven.append(
-            _Driven(panel, _drive(run, setting, panel, options.seed, n_threads), _judge(panel, rails, n_threads))
+            Driven(panel, _drive(run, setting, panel, options.seed, n_threads), _judge(panel, rails, n_threads))
         )
         options.progress("scenarios", sum(len(one.panel) for one in driven), total)
         if library is not None:
@@ -137,7 +107,7 @@ def r157(options: R157) -> Regulated:
     from cornerforge.ext.studies.r157_page import write_r157_page
 
     result = replace(result, library=str(library.path), page=str(place / "r157.html"))
-    write_r157_page(place / "r157.html", result, [_picture(one) for one in driven])
+    write_r157_page(place / "r157.html", result, driven)
     result = replace(result, seconds=round(time.perf_counter() - began, 3))
     write_json(place / "provenance.json", provenance(_identity(run, wanted, options.seed), result.seconds))
     return result
@@ -184,7 +154,7 @@ def _open_library(run: Experiment, place: Path, seed: int) -> CaseLibrary:
     return library
 
 
-def _keep(run: Experiment, one: _Driven, rails: Rails, library: CaseLibrary, seed: int) -> None:
+def _keep(run: Experiment, one: Driven, rails: Rails, library: CaseLibrary, seed: int) -> None:
     """Record the scenarios that the AV fails in, and store them."""
     recorder = run.recorder()
     records: list[CaseRecord] = []
@@ -199,7 +169,7 @@ def _keep(run: Experiment, one: _Driven, rails: Rails, library: CaseLibrary, see
     library.append(records, next_test=after, tests=done, crashes=crashes, shard_cases=_SHARD_CASES)
 
 
-def _columns(one: _Driven) -> dict[str, list[Any]]:
+def _columns(one: Driven) -> dict[str, list[Any]]:
     """Make the columns of the scenario and of the AVs that crash in it; NaN where a quantity does not apply."""
     panel = one.panel
     x, y = panel.points
@@ -215,7 +185,7 @@ def _columns(one: _Driven) -> dict[str, list[Any]]:
     }
 
 
-def _csv(driven: Sequence[_Driven]) -> str:
+def _csv(driven: Sequence[Driven]) -> str:
     """List all scenarios, one a line."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -229,24 +199,7 @@ def _csv(driven: Sequence[_Driven]) -> str:
     return text.getvalue()
 
 
-def _picture(one: _Driven) -> R157Picture:
-    from cornerforge.ext.studies.r157_page import R157Picture
-
-    panel = one.panel
-
-    def spread(marks: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        cells = np.zeros(panel.possible.shape, dtype=np.bool_)
-        cells[panel.possible] = marks
-        return cells
-
-    return R157Picture(
-        family=panel.family, av_kmh=panel.av_kmh, other_kmh=panel.other_kmh, across=panel.across, up=panel.up,
-        possible=panel.possible, failed=spread(one.failed),
-        crashes={name: spread(one.crashes[name]) for name in CAREFUL},
-    )  # fmt: skip
-
-
-def _verdicts(driven: Sequence[_Driven]) -> dict[str, Any]:
+def _verdicts(driven: Sequence[Driven]) -> dict[str, Any]:
     """Count over panels: the fields that all results share."""
     by_all = [np.logical_and.reduce([one.prevented(name) for name in CAREFUL]) for one in driven]
     return {
@@ -259,7 +212,7 @@ def _verdicts(driven: Sequence[_Driven]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _weights(one: _Driven) -> NDArray[np.float64] | None:
+def _weights(one: Driven) -> NDArray[np.float64] | None:
     """How often each of a panel's cut-ins happens, relative to each other; None: not known."""
     panel = one.panel
     if panel.family != "cut-in":
@@ -273,7 +226,7 @@ def _weights(one: _Driven) -> NDArray[np.float64] | None:
     return weights if weights.sum() > 0.0 else None
 
 
-def _roads(one: _Driven) -> RegulatedRoads | None:
+def _roads(one: Driven) -> RegulatedRoads | None:
     weights = _weights(one)
     other, closing = one.panel.other_kmh / _KMH, (one.panel.av_kmh - one.panel.other_kmh) / _KMH
     at_least = closing_at_least(other, closing)
@@ -287,7 +240,7 @@ def _roads(one: _Driven) -> RegulatedRoads | None:
     )
 
 
-def _result(run: Experiment, driven: Sequence[_Driven], too_fast: Sequence[int]) -> Regulated:
+def _result(run: Experiment, driven: Sequence[Driven], too_fast: Sequence[int]) -> Regulated:
     every = _verdicts(driven)
     n = max(1, every["scenarios"])
     weighed = [(one, weights) for one in driven if (weights := _weights(one)) is not None]

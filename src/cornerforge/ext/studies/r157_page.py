@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge.ext.studies.r157_scenarios import Driven
 from cornerforge.report import text
 from cornerforge.report.drawing import check_matplotlib, png_of
 from cornerforge.report.rendering import content_policy, environment, template, write_page
 from cornerforge.results import Regulated
 
-__all__ = ["R157Picture", "check_r157_page", "write_r157_page"]
+__all__ = ["check_r157_page", "write_r157_page"]
 
 _LINES: dict[str, tuple[str, Any]] = {
     "cc-human": ("#0072B2", "-"),
@@ -42,29 +42,6 @@ _FEW = 2
 """Largest number of panels for each speed of the AV that stand below each other."""
 
 
-@dataclass(frozen=True)
-class R157Picture:
-    """One family and one pair of speeds.
-
-    Attributes:
-        family: The family.
-        av_kmh, other_kmh: The speeds [km/h].
-        across, up: Values along x (A,) and y (B,).
-        possible: Points that there are, bool (A, B).
-        failed: The AV fails, bool (A, B).
-        crashes: Whether each reference driver crashes, bool (A, B).
-    """
-
-    family: str
-    av_kmh: int
-    other_kmh: int
-    across: NDArray[np.float64]
-    up: NDArray[np.float64]
-    possible: NDArray[np.bool_]
-    failed: NDArray[np.bool_]
-    crashes: Mapping[str, NDArray[np.bool_]]
-
-
 def check_r157_page() -> None:
     """Check, before long work, that the page can be made.
 
@@ -75,13 +52,13 @@ def check_r157_page() -> None:
     environment()
 
 
-def write_r157_page(path: Path, result: Regulated, pictures: Sequence[R157Picture]) -> None:
+def write_r157_page(path: Path, result: Regulated, driven: Sequence[Driven]) -> None:
     """Write the page, which opens from disk and asks nothing from the network.
 
     Args:
         path: The file.
         result: What `r157` found.
-        pictures: All its panels.
+        driven: All its panels.
 
     Raises:
         OutputError: It cannot be written.
@@ -95,7 +72,7 @@ def write_r157_page(path: Path, result: Regulated, pictures: Sequence[R157Pictur
     pages.filters["small"] = lambda value: "< 0.0001 %" if 0.0 < value < _LEAST else text.share_in_words(value)
     sections = []
     for family in result.families:
-        drawn = png_of(_drawing([one for one in pictures if one.family == family.family]))
+        drawn = png_of(_drawing([one for one in driven if one.panel.family == family.family]))
         sections.append(
             {
                 "family": family,
@@ -115,14 +92,14 @@ def write_r157_page(path: Path, result: Regulated, pictures: Sequence[R157Pictur
     write_page(page, path)
 
 
-def _drawing(pictures: Sequence[R157Picture]) -> Any:
+def _drawing(driven: Sequence[Driven]) -> Any:
     """Draw the panels of a family, a row for each speed of the AV where that has many, else a column."""
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    speeds = list(dict.fromkeys(one.av_kmh for one in pictures))
-    rows = [[one for one in pictures if one.av_kmh == speed] for speed in speeds]
+    speeds = list(dict.fromkeys(one.panel.av_kmh for one in driven))
+    rows = [[one for one in driven if one.panel.av_kmh == speed] for speed in speeds]
     columns = max(len(row) for row in rows)
     if columns <= _FEW:
         rows = [list(row) for row in zip(*rows, strict=True)]
@@ -140,7 +117,7 @@ def _drawing(pictures: Sequence[R157Picture]) -> Any:
         Patch(facecolor=_WITHIN, label="the AV fails, some reference driver does not"),
         Patch(facecolor=_BEYOND, label="the AV fails, and so do all four"),
         *([Patch(facecolor=_NO_POINT, label="not possible: the lead would hit it")]
-          if any(not one.possible.all() for one in pictures) else []),
+          if any(not one.panel.possible.all() for one in driven) else []),
         *(Line2D([], [], color=colour, linestyle=dash, linewidth=1.6, label=f"{name}: edge of its crashes")
           for name, (colour, dash) in _LINES.items()),
     ]  # fmt: skip
@@ -148,24 +125,26 @@ def _drawing(pictures: Sequence[R157Picture]) -> Any:
     return drawing
 
 
-def _draw(panel: Any, one: R157Picture, *, first: bool, last: bool) -> None:
+def _draw(panel: Any, one: Driven, *, first: bool, last: bool) -> None:
     """Draw one panel: a cell for each scenario, and along cells the edges of what reference drivers prevent."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import ListedColormap
 
-    x, y = _edges(one.across), _edges(one.up)
-    prevented = ~np.logical_and.reduce(list(one.crashes.values()))
-    cells = np.where(one.failed, np.where(prevented, _PREVENTED, _NOT), 0)
-    cells = np.where(one.possible, cells, _OUT)
+    of = one.panel
+    x, y = _edges(of.across), _edges(of.up)
+    crashes = {name: one.cells(one.crashes[name]) for name in _LINES}
+    prevented = ~np.logical_and.reduce(list(crashes.values()))
+    cells = np.where(one.cells(one.failed), np.where(prevented, _PREVENTED, _NOT), 0)
+    cells = np.where(of.possible, cells, _OUT)
     panel.pcolormesh(x, y, cells.T, cmap=ListedColormap(["#FFFFFF", _BEYOND, _WITHIN, _NO_POINT]), vmin=0, vmax=3)
     for name, (colour, dash) in _LINES.items():
-        lines = _outline(one.crashes[name] & one.possible, one.possible, x, y)
+        lines = _outline(crashes[name] & of.possible, of.possible, x, y)
         panel.add_collection(LineCollection(lines, colors=colour, linestyles=dash, linewidths=1.5))
-    title = f"{one.av_kmh} → {one.other_kmh} km/h" if one.family != "deceleration" else f"{one.av_kmh} km/h"
+    title = f"{of.av_kmh} → {of.other_kmh} km/h" if of.family != "deceleration" else f"{of.av_kmh} km/h"
     panel.set_title(title, fontsize=9)
     panel.tick_params(labelsize=7)
     panel.spines[["top", "right"]].set_visible(False)
-    across, up = _AXES[one.family]
+    across, up = _AXES[of.family]
     if first:
         panel.set_ylabel(up, fontsize=8)
     if last:

@@ -13,7 +13,7 @@ reference drivers (Mattas et al. 2020, 2022). The AV drives in the second lane f
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,10 +24,10 @@ from cornerforge.drivers.careful import cut_in_poses
 from cornerforge.drivers.rails import POSE_NUMBERS, SPEED, X, Y, keeps_on, move_aside, slow_down, way_before
 from cornerforge.errors import InputError
 from cornerforge.road.straight import along
-from cornerforge.sim import START_FIELDS, Rails, rails_of, scripted_start
+from cornerforge.sim import AV_CRASH, AV_FAULT, START_FIELDS, Rails, rails_of, scripted_start
 from cornerforge.types import CAR, Odd
 
-__all__ = ["FAMILIES", "Panel", "panels", "rails_of_panel", "road_of_r157"]
+__all__ = ["FAMILIES", "Driven", "Panel", "panels", "rails_of_panel", "road_of_r157"]
 
 FAMILIES = ("cut-in", "cut-out", "deceleration")
 SECONDS = 37
@@ -82,6 +82,41 @@ class Panel:
     def __len__(self) -> int:
         """Number of its scenarios."""
         return int(self.possible.sum())
+
+
+@dataclass(frozen=True)
+class Driven:
+    """Outcomes of a panel's scenarios.
+
+    Attributes:
+        panel: The panel.
+        code: Outcome of the AV, (S,).
+        crashes: Whether each reference driver, and one that holds the speed, crashes, by name, bool (S,).
+    """
+
+    panel: Panel
+    code: NDArray[np.uint8]
+    crashes: Mapping[str, NDArray[np.bool_]]
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Scenarios in which the AV gave usable answers, (S,)."""
+        return np.asarray(self.code != AV_FAULT)
+
+    @property
+    def failed(self) -> NDArray[np.bool_]:
+        """Scenarios in which the AV crashes, (S,)."""
+        return np.asarray(self.code == AV_CRASH)
+
+    def prevented(self, driver: str) -> NDArray[np.bool_]:
+        """Scenarios in which the AV fails and the driver does not, (S,)."""
+        return self.failed & ~self.crashes[driver]
+
+    def cells(self, marks: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Lay marks of the scenarios, (S,), out as the picture's points, (A, B)."""
+        found = np.zeros(self.panel.possible.shape, dtype=np.bool_)
+        found[self.panel.possible] = marks
+        return found
 
 
 def road_of_r157(odd: Odd) -> Odd:

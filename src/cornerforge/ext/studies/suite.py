@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,13 @@ SELECTION = "suite.json"
 """File in the suite's folder that says where each case comes from and which AVs it crashes."""
 _RANDOM_SETS = 200
 _SHARD_CASES = 1000
+
+
+class _Source(NamedTuple):
+    """A library, and the run that made it."""
+
+    cases: CaseLibrary
+    maker: Experiment
 
 
 @dataclass(frozen=True)
@@ -82,24 +89,27 @@ def suite_build(options: SuiteBuild) -> SuiteBuilt:
     """
     began = time.perf_counter()
     place = Path(options.out)
-    sources = _opened([options.libraries] if isinstance(options.libraries, (str, Path)) else options.libraries)
+    opened = _opened([options.libraries] if isinstance(options.libraries, (str, Path)) else options.libraries)
     names = _zoo(options.zoo)
     world = options.world()
-    makers = [_maker(cases, world) for cases in sources]
-    _check_fit(sources, makers)
+    sources = [
+        _Source(cases, experiment_of(cases, with_av(world, str(cases.identity.get("av", ""))))) for cases in opened
+    ]
+    _check_fit(sources)
     check_new_folder(place)
-    found = _driven(sources, makers, names, world, options.threads, options.progress)
+    found = _driven(sources, names, world, options.threads, options.progress)
     chosen = choose(found.crashes, found.severity, options.size)
-    identity = _identity(makers, sources[0].on_rails)
-    suite = _stored(place, identity, sources, makers, [found.origin[row] for row in chosen.cases], options.progress)
+    identity = _identity(sources)
+    suite = _stored(place, identity, sources, [found.origin[row] for row in chosen.cases], options.progress)
     ids = suite.scalars(["case_id"])["case_id"].to_pylist()
     runs = [run_with(suite, world, name) for name in names]
     again, _ = _impacts(_ends(suite, ids, runs, options.threads, options.progress, "the suite"))
     checked = leave_one_out(found.crashes, found.severity, options.size, seed=options.seed, random_sets=_RANDOM_SETS)
     selection = _selection(sources, found, names, chosen.cases, ids)
     write_json(place / SELECTION, {"zoo": names, "cases": selection})
+    made_of = {str(cases.path): config_hash(cases.identity) for cases in opened}
     seconds = round(time.perf_counter() - began, 3)
-    write_json(place / "provenance.json", provenance({**identity, "sources": _sources(sources)}, seconds))
+    write_json(place / "provenance.json", provenance({**identity, "sources": made_of}, seconds))
     both = np.concatenate([found.crashes, ~np.isnan(again)])
     rows = np.arange(len(found.origin), len(both))
     return SuiteBuilt(
@@ -164,32 +174,19 @@ def _zoo(zoo: Sequence[str] | None) -> list[str]:
     return names
 
 
-def _maker(cases: CaseLibrary, options: WorldOptions) -> Experiment:
-    """Build the run that made a library.
-
-    Raises:
-        CornerForgeError: Its AV, model or policy differs from the one that made it.
-    """
-    av = str(cases.identity.get("av", ""))
-    return experiment_of(cases, with_av(options, av))
-
-
-def _check_fit(sources: Sequence[CaseLibrary], makers: Sequence[Experiment]) -> None:
-    """Check that all libraries are of one ODD and model.
-
-    Raises:
-        InputError: They are not.
-    """
-    for cases, run in zip(sources[1:], makers[1:], strict=True):
+def _check_fit(sources: Sequence[_Source]) -> None:
+    """Refuse libraries of several ODDs or models."""
+    first = sources[0]
+    for one in sources[1:]:
         for what, ours, theirs in (
-            ("ODD", makers[0].odd, run.odd),
-            ("naturalistic model", model_hash(makers[0].model), model_hash(run.model)),
-            ("others, which drive or are on rails", sources[0].on_rails, cases.on_rails),
+            ("ODD", first.maker.odd, one.maker.odd),
+            ("naturalistic model", model_hash(first.maker.model), model_hash(one.maker.model)),
+            ("others, which drive or are on rails", first.cases.on_rails, one.cases.on_rails),
         ):
             if ours != theirs:
                 raise InputError(
-                    f"{sources[0].path} and {cases.path} differ in their {what}, so they make no suite together; build "
-                    "one of each."
+                    f"{first.cases.path} and {one.cases.path} differ in their {what}, so they make no suite together; "
+                    "build one of each."
                 )
 
 
@@ -219,8 +216,7 @@ def _impacts(ends: Sequence[Sequence[Ending]]) -> tuple[NDArray[np.float64], NDA
 
 
 def _driven(
-    sources: Sequence[CaseLibrary],
-    makers: Sequence[Experiment],
+    sources: Sequence[_Source],
     names: Sequence[str],
     options: WorldOptions,
     threads: int | None,
@@ -234,7 +230,7 @@ def _driven(
     origin: list[tuple[int, str]] = []
     kept: list[NDArray[np.float64]] = []
     failures = not_again = 0
-    for place, (cases, maker) in enumerate(zip(sources, makers, strict=True)):
+    for place, (cases, maker) in enumerate(sources):
         ids = cases.scalars(["case_id"])["case_id"].to_pylist()
         if not ids:
             raise InputError(f"No shard of {cases.path} can be read; generate the library again.")
@@ -255,13 +251,13 @@ def _driven(
     return _Candidates(origin, np.concatenate(kept), failures, not_again)
 
 
-def _identity(makers: Sequence[Experiment], on_rails: bool) -> dict[str, Any]:
+def _identity(sources: Sequence[_Source]) -> dict[str, Any]:
     """Say what names the suite: natural traffic, since its scripts hold the actions, and the AV that made its cases."""
-    natural = replace(makers[0], bv="nde", bounded=False, policies=(), budget=None, acting="greedy")
+    natural = replace(sources[0].maker, bv="nde", bounded=False, policies=(), budget=None, acting="greedy")
     identity = {**natural.identity(0), SCRIPTED: True, "cornerforge": version(), "code": code_hash()}
-    if on_rails:
+    if sources[0].cases.on_rails:
         identity |= {ON_RAILS: True}
-    if len({run.av_hash for run in makers}) > 1:
+    if len({one.maker.av_hash for one in sources}) > 1:
         identity |= {"av": SEVERAL, "av_hash": None}
     return identity
 
@@ -269,8 +265,7 @@ def _identity(makers: Sequence[Experiment], on_rails: bool) -> dict[str, Any]:
 def _stored(
     place: Path,
     identity: dict[str, Any],
-    sources: Sequence[CaseLibrary],
-    makers: Sequence[Experiment],
+    sources: Sequence[_Source],
     chosen: Sequence[tuple[int, str]],
     progress: Progress,
 ) -> CaseLibrary:
@@ -279,36 +274,36 @@ def _stored(
     Raises:
         CornerForgeError: An AV does not crash again, or the place cannot be written.
     """
-    drivers = [(StoredScripts(cases, run), run.script_driver()) for cases, run in zip(sources, makers, strict=True)]
+    drivers = [(StoredScripts(cases, run), run.script_driver()) for cases, run in sources]
     records: list[CaseRecord] = []
     for test, (source, case) in enumerate(chosen):
         scripts, driver = drivers[source]
-        script = replace(scripts.of(sources[source].scenario(case)), seed=0, test=test)
+        cases, maker = sources[source]
+        script = replace(scripts.of(cases.scenario(case)), seed=0, test=test)
         scenario, _ = driver.record(script)
         if scenario.crash is None or scenario.crash.slot_a != 0:
-            name = makers[source].av.name
-            raise ReplayError(f"Case {case} of {sources[source].path}: {name} crashed in it and now does not.")
-        extra = {"source": sources[source].path.name, "source_case": case, "source_av": makers[source].av.name}
+            raise ReplayError(f"Case {case} of {cases.path}: {maker.av.name} crashed in it and now does not.")
+        extra = {"source": cases.path.name, "source_case": case, "source_av": maker.av.name}
         records.append(case_record(scenario, start=script.start, poses=script.poses, extra=extra))
         progress("writing the suite", test + 1, len(chosen))
-    suite = CaseLibrary.create(place, identity, sources[0].odd)
+    suite = CaseLibrary.create(place, identity, sources[0].cases.odd)
     n = len(records)
     suite.append(records, next_test=n, tests=n, crashes=n, shard_cases=_SHARD_CASES)
-    save_model(makers[0].model, place / MODEL_FILE)
+    save_model(sources[0].maker.model, place / MODEL_FILE)
     suite.finish()
-    for run in makers:
-        run.rest()
+    for one in sources:
+        one.maker.rest()
     return suite
 
 
 def _selection(
-    sources: Sequence[CaseLibrary], found: _Candidates, names: Sequence[str], rows: Sequence[int], ids: Sequence[str]
+    sources: Sequence[_Source], found: _Candidates, names: Sequence[str], rows: Sequence[int], ids: Sequence[str]
 ) -> list[dict[str, Any]]:
     """Say of each case of the suite where it comes from, and how fast which AVs crash in it."""
     return [
         {
             "case": case,
-            "library": sources[found.origin[row][0]].path.name,
+            "library": sources[found.origin[row][0]].cases.path.name,
             "source_case": found.origin[row][1],
             "impact_mps": {
                 name: round(speed, 3)
@@ -318,11 +313,6 @@ def _selection(
         }
         for row, case in zip(rows, ids, strict=True)
     ]
-
-
-def _sources(sources: Sequence[CaseLibrary]) -> dict[str, str]:
-    """The libraries and the hashes of what made them."""
-    return {str(cases.path): config_hash(cases.identity) for cases in sources}
 
 
 def _left_out(one: LeftOut, names: Sequence[str]) -> LeftOutAv:

@@ -1,7 +1,7 @@
-"""The published lane-change tables, reduced to the product form of our model.
+"""The published tables: rows of probabilities, checked and scaled, and lane changes, reduced to our product form.
 
-The tables hold P(change) by speed and the states to two neighbours at a time: leader (no adjacent vehicle), leader and
-adjacent leader, leader and adjacent follower, both adjacent ones. Our model is a product (`NddModel`):
+The lane-change tables hold P(change) by speed and the states to two neighbours at a time: leader (no adjacent vehicle),
+leader and adjacent leader, leader and adjacent follower, both adjacent ones. Our model is a product (`NddModel`):
 base(speed) desire(leader) accept_lead(adjacent leader) accept_rear(adjacent follower). The reduction keeps the tables'
 totals and loses all that is not a product; `misfit` says how much:
 
@@ -16,21 +16,28 @@ totals and loses all that is not a product; `misfit` says how much:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import FileFormatError
 from cornerforge.ext.calibrate.ivbss_files import Coordinates
-from cornerforge.ext.calibrate.ivbss_rows import EXACT, TOLERANCE, check_numbers
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
 
-__all__ = ["LAST_AXIS", "STATE_SHAPE", "Cells", "cells_of", "reduce_lane_changes", "table_shape"]
+__all__ = ["LAST_AXIS", "Cells", "cells_of", "checked_cumulative", "checked_rows", "reduce_lane_changes", "table_shape"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
+EXACT = 1e-6
+"""A row with a sum this near to 1 is used unchanged."""
+TOLERANCE = 0.01
+"""A row with a sum this near to 1 is divided by the sum; any other row is refused: it holds no probabilities."""
+_NOISE = 1e-9
+"""Negative numbers up to this size are rounding errors and count as 0."""
 LAST_AXIS = (2, 3)
 """Lengths of the last axis: (change to the side, keep), or (left, keep, right); our model is the mean of both sides."""
 STATE_SHAPE = (GAPS.size, RANGE_RATES.size)
@@ -39,13 +46,72 @@ _ROUNDS = 500
 _STILL = 1e-12
 
 
+def _check_numbers(name: str, values: Floats) -> None:
+    """Refuse NaN, infinite and negative numbers (beyond rounding of 1e-9) in `values`, any shape."""
+    odd = ~np.isfinite(values)
+    below = values < -_NOISE
+    if odd.any() or below.any():
+        place = [int(i) for i in np.argwhere(odd | below)[0]]
+        raise FileFormatError(
+            f"{name} holds {int(odd.sum())} NaN or infinite and {int(below.sum())} negative number(s), the first at "
+            f"{place}; mend the file."
+        )
+
+
+def checked_rows(name: str, table: Floats) -> tuple[Floats, Bools, dict[str, int]]:
+    """Check rows of probabilities, shape (*d, k), and scale them to sum 1.
+
+    Returns:
+        The rows (an empty one stays 0), which rows hold data, shape (*d), and how many there are: all `rows`, `empty`
+        ones, which are filled from the base model, and those `renormalised`, divided by their sum.
+
+    Raises:
+        FileFormatError: A number is no probability, or a sum is farther than `TOLERANCE` from 1.
+    """
+    _check_numbers(name, table)
+    rows = np.maximum(table, 0.0)
+    total = rows.sum(axis=-1)
+    known = total > 0.0
+    off = known & (np.abs(total - 1.0) > EXACT)
+    far = known & (np.abs(total - 1.0) > TOLERANCE)
+    if far.any():
+        place = tuple(int(i) for i in np.argwhere(far)[0])
+        raise FileFormatError(
+            f"{name}: {int(far.sum())} of {known.size} rows do not sum to 1 within {TOLERANCE:g}, the first at "
+            f"{list(place)} with {total[place]:.6g}; divide each row by its sum if it holds counts."
+        )
+    rows = np.where(off[..., None], rows / np.where(off, total, 1.0)[..., None], rows)
+    return rows, known, {"rows": known.size, "empty": int((~known).sum()), "renormalised": int(off.sum())}
+
+
+def checked_cumulative(name: str, table: Floats) -> tuple[Floats, Bools, dict[str, int]]:
+    """Check rows of cumulative probabilities, shape (n, k), and return probabilities; a row of NaN is empty.
+
+    Returns:
+        As `checked_rows`.
+
+    Raises:
+        FileFormatError: A number is no probability, or a row falls or does not end at 1.
+    """
+    empty = np.asarray(np.isnan(table).all(axis=-1))
+    table = np.where(empty[:, None], 0.0, table)
+    _check_numbers(name, table)
+    falls = np.diff(table, axis=-1) < -_NOISE
+    if falls.any():
+        place = [int(i) for i in np.argwhere(falls)[0]]
+        raise FileFormatError(
+            f"{name}: cumulative probabilities fall {int(falls.sum())} time(s), first after {place}; it is no "
+            "cumulative distribution."
+        )
+    return checked_rows(name, np.maximum(np.diff(table, axis=-1, prepend=0.0), 0.0))
+
+
 def table_shape(role: str) -> tuple[int, ...]:
     """Return all axes of a lane-change table but the last: speed, then (gap, range rate) of one or two neighbours."""
     return (SPEEDS.size, *STATE_SHAPE) if role == "lc_alone" else (SPEEDS.size, *STATE_SHAPE, *STATE_SHAPE)
 
 
-@dataclass(frozen=True)
-class Cells:
+class Cells(NamedTuple):
     """The states of a table that hold data.
 
     Attributes:
@@ -70,7 +136,7 @@ def cells_of(name: str, table: Coordinates) -> Cells:
     Raises:
         FileFormatError: NaN, negative numbers, or chances above 1.
     """
-    check_numbers(name, table.value)
+    _check_numbers(name, table.value)
     value = np.maximum(table.value, 0.0)
     place, owner = np.unique(table.place, return_inverse=True)
     sides = (0,) if table.shape[-1] == 2 else (0, 2)
@@ -119,12 +185,11 @@ def reduce_lane_changes(base: NddModel, tables: Mapping[str, Cells]) -> tuple[Nd
     model = base
     if "lc_alone" in tables:
         model, found["lc_alone"] = _with_wish(model, tables["lc_alone"])
-    if "lc_lead" in tables:
-        accept, found["lc_lead"] = _acceptance(model, tables["lc_lead"], base.lc_accept_lead)
-        model = replace(model, lc_accept_lead=accept)
-    if "lc_rear" in tables:
-        accept, found["lc_rear"] = _acceptance(model, tables["lc_rear"], base.lc_accept_rear)
-        model = replace(model, lc_accept_rear=accept)
+    for role, name in (("lc_lead", "lc_accept_lead"), ("lc_rear", "lc_accept_rear")):
+        if role in tables:
+            changed: dict[str, Any] = {}
+            changed[name], found[role] = _acceptance(model, tables[role], getattr(base, name))
+            model = replace(model, **changed)
     if "lc_both" in tables:
         cells = tables["lc_both"]
         product = _flat(model.lc_accept_lead)[cells.first] * _flat(model.lc_accept_rear)[cells.second]
@@ -188,11 +253,11 @@ def _acceptance(
     wished, done = _sums(cells.second, wish, _STATES), _sums(cells.second, cells.change, _STATES)
     seen = wished > 0.0
     accept = np.where(seen, _ratio(done, wished), _flat(own))
-    clipped = accept > 1.0 + EXACT
+    clipped = int((accept > 1.0 + EXACT).sum())
     accept = np.minimum(accept, 1.0)
     found: dict[str, float] = {
         "states_filled": int((~seen).sum()),
-        "clipped": int(clipped.sum()),
+        "clipped": clipped,
         "misfit": _misfit(cells.change, wish * accept[cells.second]),
     }
     return accept.reshape(STATE_SHAPE).astype(np.float32), found
