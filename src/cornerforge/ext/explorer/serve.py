@@ -23,7 +23,7 @@ from cornerforge.errors import CornerForgeError, FileFormatError, InputError, Mi
 from cornerforge.experiment.output import SUMMARY, is_finished_run, read_json_file
 from cornerforge.ext.explorer.options import Serve
 from cornerforge.ext.interchange.beside import analysis_beside, own_folder
-from cornerforge.ext.interchange.export import EXPORTS, CaseWriter, has_rerun
+from cornerforge.ext.interchange.export import EXPORTS, CaseWriter, is_installed
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.library.natural import is_natural, natural_weights
@@ -233,7 +233,7 @@ def _driving(avs: Sequence[str], source: Source) -> Driving:
     others = _Others()
     for av in avs:
         others.made(source, av)
-    exports = {name: label for name, label in EXPORTS.items() if name != "rerun" or has_rerun()}
+    exports = {name: label for name, label in EXPORTS.items() if is_installed(name)}
     return Driving(
         tuple(CAREFUL), tuple(dict.fromkeys((*AVS, *avs))), _ghosts, others.drive, exports, _Exports().files
     )  # fmt: skip
