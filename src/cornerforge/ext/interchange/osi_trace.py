@@ -302,7 +302,8 @@ def _mcap(path: Path) -> Iterator[tuple[str, bytes]]:
         if len(data) != size:
             raise ValueError("a chunk of another size than it says")
         chunk.compression, chunk.data = "", data
-        return breakup_chunk(chunk, validate_crc=True)
+        records: list[Any] = breakup_chunk(chunk, validate_crc=True)
+        return records
 
     schemas: dict[int, str] = {}
     topics: dict[int, tuple[str, str]] = {}

@@ -346,9 +346,9 @@ def frame_of(
         raise DataError(f"{where}: lanes are {width:.3g} m wide; those of {low:g} to {high:g} m can be driven.")
     if any(abs(low - right - k * width) > _MOST_OFF for k, (low, _) in enumerate(borders)):
         raise DataError(f"{where}: the lanes of road {road.ident} differ too much in width; equal ones can be driven.")
-    origin = x - right * math.sin(direction), y + right * math.cos(direction)
     notes = tuple(f"{where}: {note}" for note in _notes(road, s, way, lanes))
-    frame = Frame(*map(float, origin), direction, len(lanes), width, notes)
+    x, y = x - right * math.sin(direction), y + right * math.cos(direction)
+    frame = Frame(x, y, direction, len(lanes), width, notes)
     _check_way(roads, frame, ahead)
     return frame
 

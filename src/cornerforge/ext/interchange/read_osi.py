@@ -266,6 +266,7 @@ class _Scene:
         body, pose = self.trace.bodies[k], self.poses[:, k]
         there = np.isfinite(pose[:, X])
         if not there.any():
+            self.notes.append(f"{_called(body)} is left out: it is not there when the AV is")
             return False
         gap = _gaps(self.poses[:, self.av], self.trace.bodies[self.av], pose, body)
         fit, why = there.copy(), np.full(there.size, "", dtype=object)
@@ -312,8 +313,8 @@ class _Scene:
     def _refuse(self, at: int, what: str) -> None:
         frame = int(np.searchsorted(self.trace.times, self.times[at] + _SAME_TIME, side="right")) - 1
         raise DataError(
-            f"{self.path.name}, frame {frame}: {what}, which a straight road of one direction cannot hold. Cut the "
-            "trace, or take another AV."
+            f"{self.path.name}, frame {frame}: {what}; a case on a straight road of one direction cannot hold that. "
+            "Cut the trace, or take another AV."
         )
 
     def _leave_out(self, body: Body, pose: Floats, gap: Floats, why: NDArray[np.object_], fit: Bools) -> None:
