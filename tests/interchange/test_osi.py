@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,7 +28,15 @@ from reference.osi import (
 
 from cornerforge import types
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, SPEED, X, Y
-from cornerforge.errors import CornerForgeError, DataError, FileFormatError, InputError, UnknownNameError
+from cornerforge.errors import (
+    CornerForgeError,
+    DataError,
+    FileFormatError,
+    InputError,
+    MissingExtraError,
+    UnknownNameError,
+)
+from cornerforge.ext.interchange import osi_messages
 from cornerforge.ext.interchange.read_osi import read_osi
 from cornerforge.ext.interchange.write_osi import write_osi
 from cornerforge.library.out_case import OutCase
@@ -442,3 +451,18 @@ def test_a_small_file_does_not_unpack_to_a_large_one(tmp_path: Path) -> None:
     (tmp_path / "t.mcap").write_bytes(magic + builder.end() + magic)
     with pytest.raises(CornerForgeError, match="a chunk of another size than it says"):
         read_osi(tmp_path / "t.mcap")
+
+
+@pytest.mark.parametrize(
+    ("ending", "module"), [("osi", "google.protobuf.descriptor_pb2"), ("mcap", "mcap.stream_reader")]
+)
+def test_a_missing_library_is_named_with_its_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str, module: str
+) -> None:
+    """A new process would take seconds; the classes made so far are forgotten instead."""
+    path = scene(tmp_path / f"t.{ending}", AV)
+    monkeypatch.setitem(sys.modules, module, None)
+    for made in (osi_messages._file, osi_messages.message_class):
+        made.cache_clear()
+    with pytest.raises(MissingExtraError, match=r"cornerforge\[osi\]"):
+        read_osi(path)

@@ -65,7 +65,9 @@ class ImportCases(AvAloneOptions, Seeded, Watched):
         Path | str | None,
         Option("OpenDRIVE road (.xodr) of OSI traces; by default the one that lies beside, or where traffic drives."),
     ] = None
-    play_seconds: Annotated[float, Option("How long esmini may play a scenario.", low=0.1, high=86_400.0)] = 60.0
+    play_seconds: Annotated[
+        float, Option("How long esmini may take to play a scenario.", low=0.1, high=86_400.0, unit="s")
+    ] = 60.0
 
 
 @dataclass(frozen=True, kw_only=True)
