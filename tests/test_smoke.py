@@ -57,7 +57,7 @@ SMOKE: dict[str, set[str]] = {
     "migrate LIB --out again": {"library"},
     "variety LIB": set(),
     "export LIB CASE --to json --out files": {"files"},
-    "import XOSC --out imported": {"cases", "refused"},
+    "import TRACE --out imported": {"cases", "refused"},
     "cases from-data NGSIM --format ngsim --cases 2 --out moments": {"cases", "libraries"},
     "suite build LIB --size 2 --zoo idm-mobil --zoo flawed-not-behind --out suite": {"cases", "out"},
     "ndd fit PAIRS --format pairs --lane-changes prior --out m.npz": {
@@ -97,7 +97,7 @@ def words() -> dict[str, str]:
     library = artefact("library") / "lib"
     return {
         "LIB": str(library), "CASE": str(CaseLibrary.open(library).scalars(["case_id"])["case_id"][0].as_py()),
-        "RUN": str(artefact("run") / "run"), "XOSC": str(artefact("scenarios") / "osc" / "cut_in.xosc"),
+        "RUN": str(artefact("run") / "run"), "TRACE": str(artefact("scenarios") / "traces" / "cut_in.osi"),
         "NGSIM": str(artefact("tracks") / "ngsim.csv"), "PAIRS": str(made_once("pairs", pairs_file) / "pairs.csv"),
         "MODEL": str(artefact("model") / "m.npz"), "IVBSS": str(artefact("ivbss") / "NDD_DATA"),
     }  # fmt: skip

@@ -372,13 +372,13 @@ KINDS = (
     # The two may be missing, and what holds no change is not used; what does not sum to 1 is counted in the answer.
     "* array.drop shape", "* array.shape shape", "* array.drop fill_value", "* array.shape fill_value",
     "* array.cell data")),
-    Kind("openscenario", "scenarios of other tools", "scenarios", ("osc/*", "osc/*/*"), (
-        Door("read", _moving("read_openscenario", "osc/cut_in.xosc"), 8), Door("import",
-        "import osc/cut_in.xosc --out x --json", 0.4),
-    ), 130),
-    Kind("own openscenario", "scenarios of other tools", "scenarios", ("openscenario/*.xo*",), (
-        Door("read", _moving("read_openscenario", "openscenario/case-0-8.xosc")),
-    ), 20),
+    Kind("osi", "scenarios of other tools", "scenarios", ("traces/*",), (
+        Door("read", _moving("read_osi", "traces/cut_in.osi"), 8), Door("import",
+        "import traces/cut_in.osi --out x --json", 0.4),
+    ), 130, ("*.xodr place.*",)),  # without its road, lanes are those of the traffic
+    Kind("mcap", "scenarios of other tools", "scenarios", ("mcap/*",), (
+        Door("read", _moving("read_osi", "mcap/case-0-8.mcap")),
+    ), 20, ("*.xodr place.*",)),
     Kind("commonroad", "scenarios of other tools", "scenarios", ("commonroad/*.xml",), (
         Door("read", _moving("read_commonroad", "commonroad/case-0-8.xml"), 8), Door("import",
         "import commonroad/case-0-8.xml --out x --json", 0.4),

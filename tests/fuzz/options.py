@@ -34,7 +34,7 @@ class Inputs:
         policy: A policy file.
         data: A trajectory file.
         case: A case file.
-        scenario: An OpenSCENARIO file.
+        scenario: An OSI trace.
     """
 
     library: Path
@@ -62,7 +62,7 @@ class Case:
 
 
 _AT = Inputs(
-    Path("lib"), Path("p.safetensors"), Path("ngsim.csv"), Path("imported/cases/cut_in.json"), Path("osc/cut_in.xosc")
+    Path("lib"), Path("p.safetensors"), Path("ngsim.csv"), Path("imported/cases/cut_in.json"), Path("traces/cut_in.osi")
 )
 
 

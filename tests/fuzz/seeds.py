@@ -160,12 +160,13 @@ def _ivbss(_: Path) -> None:
 
 @_seed("scenarios")
 def _scenarios(root: Path) -> None:
-    shutil.copytree(_DATA, "osc")
+    shutil.copytree(_DATA, "traces")
     library = seed_folder(root, "library") / "lib"
     first = str(CaseLibrary.open(library).scalars(["case_id"]).column(0)[0])
-    for to in ("openscenario", "commonroad", "csv", "parquet"):
+    formats = ("mcap", "commonroad", "csv", "parquet")
+    for to in formats:
         cornerforge.export(library, [first], to=to, out=to)
-    for place in (Path(to) for to in ("openscenario", "commonroad", "csv", "parquet")):
+    for place in map(Path, formats):
         for file in sorted(place.rglob("*")):
             if file.is_file() and file.name != "provenance.json":
                 file.rename(file.with_name(file.name.replace(":", "_")))
@@ -174,7 +175,7 @@ def _scenarios(root: Path) -> None:
 @_seed("case-file")
 def _case_file(root: Path) -> None:
     found = seed_folder(root, "scenarios")
-    cornerforge.import_cases([found / "osc" / "cut_in.xosc"], out="imported")
+    cornerforge.import_cases([found / "traces" / "cut_in.osi"], out="imported")
 
 
 @_seed("config")
@@ -208,7 +209,7 @@ def _everything(root: Path) -> None:
         ("policy", "p.safetensors"),
         ("tracks", "ngsim.csv"),
         ("case-file", "imported"),
-        ("scenarios", "osc"),
+        ("scenarios", "traces"),
     )
     for seed, name in parts:
         whole = seed_folder(root, seed) / name

@@ -11,7 +11,7 @@ import numpy as np
 
 from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.careful import CAREFUL
-from cornerforge.ext.interchange.export import EXPORTS, CaseWriter, has_rerun
+from cornerforge.ext.interchange.export import EXPORTS, CaseWriter, is_installed
 from cornerforge.library import StoredCase
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class Driving:
     def __init__(self, avs: Sequence[str], source: Source) -> None:
         self.drivers = tuple(CAREFUL)
         self.avs = tuple(dict.fromkeys((*AVS, *avs)))
-        self.exports = {name: label for name, label in EXPORTS.items() if name != "rerun" or has_rerun()}
+        self.exports = {name: label for name, label in EXPORTS.items() if is_installed(name)}
         self._drivers: dict[tuple[str, str], tuple[Callable[[StoredCase], Script], ScriptDriver]] = {}
         self._writers: dict[tuple[str, str], CaseWriter] = {}
         for av in avs:

@@ -22,7 +22,7 @@ from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.case_file import write_case_file
 from cornerforge.results.whole import Exported
 
-__all__ = ["EXPORTS", "CaseWriter", "ExportOptions", "export", "export_text", "has_rerun"]
+__all__ = ["EXPORTS", "CaseWriter", "ExportOptions", "export", "export_text", "is_installed"]
 
 _AFTER = 50
 """Number of cases between two reports of progress."""
@@ -42,9 +42,12 @@ class ExportOptions:
     mode: str = "recorded"
 
 
-def has_rerun() -> bool:
-    """Say whether rerun's library is installed."""
-    return importlib.util.find_spec("rerun") is not None
+def is_installed(to: str) -> bool:
+    """Say whether the library that a format needs is installed."""
+    try:
+        return to not in _NEEDS or importlib.util.find_spec(_NEEDS[to][0]) is not None
+    except ModuleNotFoundError:  # of the package that the library is part of
+        return False
 
 
 class CaseWriter:
@@ -71,8 +74,8 @@ class CaseWriter:
             )
         if to != "openscenario" and self._options.version != ExportOptions().version:
             raise InputError(f"The version is that of openscenario; leave it out for {to}.")
-        if to == "rerun" and not has_rerun():
-            raise MissingExtraError("rerun-sdk", "rerun")
+        if not is_installed(to):
+            raise MissingExtraError(*_NEEDS[to][1:])
         self._facts = CaseFacts(cases)
         self._files = CaseFilesOf(cases) if to == "json" else None
 
@@ -85,6 +88,10 @@ class CaseWriter:
             from cornerforge.ext.interchange.commonroad import write_commonroad
 
             return write_commonroad(case, folder, av="planning" if self._options.mode == "controller" else "both")
+        if self._to in ("osi", "mcap"):
+            from cornerforge.ext.interchange.write_osi import write_osi
+
+            return write_osi(case, folder / f"{case.name}.{self._to}")
         name = f"{case.name}.{_ENDINGS[self._to]}"
         if self._to == "rerun":
             from cornerforge.ext.interchange.rerun_file import write_rerun
@@ -103,12 +110,19 @@ class CaseWriter:
 EXPORTS: Mapping[str, str] = {
     "openscenario": "OpenSCENARIO with OpenDRIVE",
     "commonroad": "CommonRoad scenario",
+    "osi": "ASAM OSI trace with OpenDRIVE",
+    "mcap": "ASAM OSI trace (MCAP) with OpenDRIVE",
     "csv": "table (CSV)",
     "parquet": "table (Parquet)",
     "rerun": "recording for the Rerun viewer",
     "json": "case file (JSON), for retest and pytest",
 }
 """The formats, each with what people read."""
+_NEEDS = {
+    "rerun": ("rerun", "rerun-sdk", "rerun"), "osi": ("google.protobuf", "protobuf", "osi"),
+    "mcap": ("mcap", "mcap", "osi"),
+}  # fmt: skip
+"""Module that a format needs, its package, and the extra that installs it."""
 _MODES = {"openscenario": ("recorded", "controller", "relative"), "commonroad": ("recorded", "controller")}
 _ENDINGS = {"csv": "csv", "parquet": "parquet", "rerun": "rrd", "json": "json"}
 

@@ -36,32 +36,47 @@ _LICENCES = ("licence_of_the_model", "licence")
 _NOT_STATED = "not stated; see the source file"
 
 
-def _openscenario(path: Path, ego: str | None) -> MovingCase:
-    from cornerforge.ext.interchange.read_openscenario import read_openscenario
+def _openscenario(path: Path, o: ImportCases) -> MovingCase:
+    from cornerforge.ext.interchange.esmini import play_openscenario
 
-    return read_openscenario(path, ego=ego)
+    return play_openscenario(path, ego=o.ego, road=_road(o), seconds=o.play_seconds)
 
 
-def _commonroad(path: Path, ego: str | None) -> MovingCase:
+def _osi(path: Path, o: ImportCases) -> MovingCase:
+    from cornerforge.ext.interchange.read_osi import read_osi
+
+    return read_osi(path, ego=o.ego, road=_road(o))
+
+
+def _road(o: ImportCases) -> Path | None:
+    return None if o.road is None else Path(o.road)
+
+
+def _commonroad(path: Path, o: ImportCases) -> MovingCase:
     from cornerforge.ext.interchange.read_commonroad import read_commonroad
 
+    ego = o.ego
+    if o.road is not None:
+        raise InputError(f"{path} is a CommonRoad scenario and holds its road; leave out road.")
     if ego is not None and not _ENTITY.fullmatch(ego):
         raise InputError(f"The AV of a CommonRoad scenario is named by the number of its obstacle; {ego!r} is none.")
     return read_commonroad(path, ego=None if ego is None else int(ego))
 
 
-def _table(path: Path, ego: str | None) -> MovingCase:
+def _table(path: Path, o: ImportCases) -> MovingCase:
     from cornerforge.ext.interchange.tables import read_table
 
-    if ego is not None:
+    if o.ego is not None:
         raise InputError(f"{path} is a table, in which the AV is the vehicle in slot 0; leave out ego.")
+    if o.road is not None:
+        raise InputError(f"{path} is a table and holds its road; leave out road.")
     return read_table(path)
 
 
-IMPORTS: dict[str, Callable[[Path, str | None], MovingCase]] = {
-    ".xosc": _openscenario, ".xml": _commonroad, ".csv": _table, ".parquet": _table,
+IMPORTS: dict[str, Callable[[Path, ImportCases], MovingCase]] = {
+    ".osi": _osi, ".mcap": _osi, ".xosc": _openscenario, ".xml": _commonroad, ".csv": _table, ".parquet": _table,
 }  # fmt: skip
-"""End of a file's name -> its reader: path, name of the vehicle in the AV's seat."""
+"""End of a file's name -> its reader."""
 
 
 @verb(ImportCases)
@@ -92,7 +107,7 @@ def import_cases(options: ImportCases) -> ImportedCases:
     for number, path in enumerate(paths):
         options.progress("files", number, len(paths))
         try:
-            case, file = _read(path, options.ego, {case.name for case in cases})
+            case, file = _read(path, options, {case.name for case in cases})
         except CornerForgeError as error:
             refused.append(Refused(source=str(path), why=str(error)))
             continue
@@ -105,7 +120,8 @@ def import_cases(options: ImportCases) -> ImportedCases:
             raise DataError(refused[0].why)
         raise DataError(f"None of {len(paths):,} files can be read; the first: {refused[0].why}")
     hashes = [file_sha256(path)[:_HASH_DIGITS] for path in sources]
-    stated = {"files": hashes, "ego": options.ego, "av": world.av, "seed": options.seed}
+    road = None if options.road is None else file_sha256(Path(options.road))[:_HASH_DIGITS]
+    stated = {"files": hashes, "ego": options.ego, "road": road, "av": world.av, "seed": options.seed}
     open_output(place, stated, resume=None)
     with whole_or_nothing(place, ("cases", "library")):
         driven = library_of(cases, place / "library", seed=options.seed, progress=options.progress, world=world)
@@ -115,7 +131,7 @@ def import_cases(options: ImportCases) -> ImportedCases:
     return result
 
 
-def _read(path: Path, ego: str | None, taken: set[str]) -> tuple[MovingCase, CaseFile]:
+def _read(path: Path, options: ImportCases, taken: set[str]) -> tuple[MovingCase, CaseFile]:
     """Read a file, give its case a name that no other has, and make sure that a case file can hold it.
 
     Raises:
@@ -130,7 +146,7 @@ def _read(path: Path, ego: str | None, taken: set[str]) -> tuple[MovingCase, Cas
             raise FileFormatError(f"{path} is no file; name a file that is there.")
     except OSError as error:
         raise FileFormatError(f"{path} cannot be read: {reason(error)}.") from error
-    case = IMPORTS[path.suffix.lower()](path, ego)
+    case = IMPORTS[path.suffix.lower()](path, options)
     name, number = case.name, 2
     while name in taken:
         name, number = f"{case.name}-{number}", number + 1

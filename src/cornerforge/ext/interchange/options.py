@@ -14,7 +14,7 @@ from cornerforge.world_options import AvAloneOptions
 
 __all__ = ["COMMANDS", "Export", "FromData", "ImportCases"]
 
-_FORMATS = ("openscenario", "commonroad", "csv", "parquet", "rerun", "json")
+_FORMATS = ("openscenario", "commonroad", "osi", "mcap", "csv", "parquet", "rerun", "json")
 _CASES_OUT = meant("Folder for case files and library, new or empty.")
 _IN_SEAT = meant(
     "The AV in the seat: recorded (whatever was in it), a built-in AV, or your own as for run.",
@@ -23,7 +23,7 @@ _IN_SEAT = meant(
 
 
 class Export(Resumable, Watched):
-    """Write cases for other tools: OpenSCENARIO with OpenDRIVE, CommonRoad, tables, rerun."""
+    """Write cases for other tools: OpenSCENARIO with OpenDRIVE, CommonRoad, OSI traces, tables, rerun."""
 
     library: Annotated[Path | str, LIBRARY] = field(kw_only=False)
     cases: Annotated[Sequence[str] | str, CASES] = field(kw_only=False)
@@ -45,17 +45,28 @@ class ImportCases(AvAloneOptions, Seeded, Watched):
 
     files: Annotated[
         Sequence[Path | str] | Path | str,
-        meant("OpenSCENARIO (.xosc), CommonRoad (.xml), tables (.csv, .parquet).", metavar="FILE..."),
+        meant(
+            "OSI traces (.osi, .mcap), CommonRoad (.xml), tables (.csv, .parquet); OpenSCENARIO (.xosc), which esmini "
+            "plays if it is installed.",
+            metavar="FILE...",
+        ),
     ] = field(kw_only=False)
     out: Annotated[Path | str, _CASES_OUT]
     av: Annotated[str, _IN_SEAT] = "recorded"
     ego: Annotated[
         str | None,
         meant(
-            "Vehicle in the AV's seat: its name, in CommonRoad its number. By default Ego, the one with a controller, "
-            "or the planning problem's."
+            "Vehicle in the AV's seat: its name or number. By default the trace's host vehicle or Ego, in CommonRoad "
+            "the planning problem's."
         ),
     ] = None
+    road: Annotated[
+        Path | str | None,
+        meant("OpenDRIVE road (.xodr) of OSI traces; by default the one that lies beside, or where traffic drives."),
+    ] = None
+    play_seconds: Annotated[
+        float, meant("How long esmini may take to play a scenario.", low=0.1, high=86_400.0, unit="s")
+    ] = 60.0
 
 
 class FromData(AvAloneOptions, Seeded, Watched):
@@ -93,7 +104,7 @@ COMMANDS = (
     Command(
         ImportCases, "ext.interchange.import_cases:import_cases", "ext.interchange.import_cases:import_text",
         (
-            "cornerforge import cut_in.xosc --out out/imported",
+            "cornerforge import cut_in.osi --road motorway.xodr --out out/imported",
             "cornerforge import USA_US101-*.xml --av my_av.py:MyAv --out out/us101",
         ),
         name="import",

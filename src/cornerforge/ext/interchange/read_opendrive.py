@@ -1,8 +1,9 @@
 """Roads of OpenDRIVE files (1.4 to 1.8): the straight stretch on which a case happens, in our axes.
 
 OpenDRIVE measures s along a road's reference line and t to its left; lanes have ids that grow with t, 0 is the line
-itself. Right-hand traffic drives along s in lanes below 0 and against s in lanes above. Ours: x along the travel, y to
-the left from the right edge of the lanes that are driven in the AV's direction.
+itself. Right-hand traffic drives along s in lanes below 0 and against s in lanes above, unless a lane says that its
+direction is reversed. Ours: x along the travel, y to the left from the right edge of the lanes that are driven in the
+AV's direction.
 """
 
 from __future__ import annotations
@@ -12,11 +13,17 @@ from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from cornerforge.errors import DataError
 from cornerforge.ext.interchange.xml_input import Element, read_xml
 
 __all__ = ["Frame", "Lane", "Road", "Roads", "frame_of", "read_opendrive"]
+
+_Numbers = TypeVar("_Numbers", float, NDArray[np.float64])
 
 _DRIVEN = frozenset({
     "driving", "entry", "exit", "onRamp", "offRamp", "connectingRamp", "bus", "taxi", "HOV", "carpool", "mwyEntry",
@@ -24,13 +31,19 @@ _DRIVEN = frozenset({
 })  # fmt: skip
 _FLAT = 0.05
 """A stretch that leaves its straight line by less than this is straight [m]."""
-_GENTLE = 1500.0
-"""A road of this radius or a larger one is read as if it were straight, along its line [m]."""
 _SAME_HEADING = 1e-4
-_SAME_PLACE = 0.5
 _SAME_WIDTH = 0.01
-_MOST_OFF = 0.5
-"""How far the middle of a lane may lie from where lanes of one width would have it [m]."""
+_MOST_OFF = 0.3
+"""How far the border of a lane may lie from where lanes of one width, all along, would have it [m]."""
+_ALIGNED = 0.5
+"""An AV may be turned by this against its lane, as when it changes lanes [rad]."""
+_WIDTHS = (2.5, 6.0)
+"""Lane widths that can be driven [m]."""
+_STEP = 5.0
+"""Distance of the places at which lanes are looked at [m]."""
+_WAYS = {"standard": 1, "reversed": -1, "both": 0}
+_JOINT = 1e-3
+"""Gap between two pieces of a road that is none [m]."""
 _SAMPLES = 16
 _FARTHEST = 1e7
 """Largest coordinate [m]."""
@@ -38,10 +51,18 @@ _FARTHEST = 1e7
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """A lane of a section: its borders' t as (sOffset, a, b, c, d) of their widths, summed up from the middle."""
+    """A lane of a section.
+
+    Attributes:
+        ident: Its id.
+        kind: Its type.
+        way: 1: its traffic goes as is usual on its side of the road, -1: the other way, 0: both ways.
+        widths: (sOffset, a, b, c, d) of its width.
+    """
 
     ident: int
     kind: str
+    way: int
     widths: tuple[tuple[float, float, float, float, float], ...]
 
     def width(self, ds: float) -> float:
@@ -77,16 +98,8 @@ class _Piece:
     def straight(self) -> bool:
         return self.off < _FLAT
 
-    @property
-    def gentle(self) -> bool:
-        return self.straight or self.radius >= _GENTLE
-
-    def at(self, s: float, t: float) -> tuple[float, float]:
-        u = s - self.s
-        cos, sin = math.cos(self.heading), math.sin(self.heading)
-        return self.x + u * cos - t * sin, self.y + u * sin + t * cos
-
     def where(self, x: float, y: float) -> tuple[float, float]:
+        """Give s and t of a point of the world, as if the piece were straight."""
         dx, dy = x - self.x, y - self.y
         cos, sin = math.cos(self.heading), math.sin(self.heading)
         return self.s + dx * cos + dy * sin, dy * cos - dx * sin
@@ -100,6 +113,7 @@ class Road:
         ident: Its id.
         line: Where it stands in the file.
         length: [m].
+        junction: Id of the junction that it is part of; empty: none.
         left_hand: Its traffic drives on the left.
         pieces: Its reference line, by s.
         sections: Its lanes, by s.
@@ -110,19 +124,27 @@ class Road:
     ident: str
     line: int
     length: float
+    junction: str
     left_hand: bool
     pieces: tuple[_Piece, ...]
     sections: tuple[_Section, ...]
     offsets: tuple[tuple[float, float, float, float, float], ...]
     besides: tuple[str, ...]
 
-    def piece(self, s: float) -> _Piece:
-        """The piece of the reference line at s; the first or the last one beyond the ends."""
-        return self.pieces[max(0, bisect_right(self.pieces, s, key=lambda p: p.s) - 1)]
-
     def section(self, s: float) -> _Section:
         """The section of lanes at s."""
         return self.sections[max(0, bisect_right(self.sections, s, key=lambda p: p.s) - 1)]
+
+    def driven(self, s: float, ident: int, way: int) -> bool:
+        """Whether traffic drives in a lane at s, along s (`way` 1), against it (-1) or either way (0).
+
+        False: it does not exist.
+        """
+        lane = self.section(s).lanes.get(ident)
+        if lane is None or lane.kind not in _DRIVEN or lane.width(s - self.section(s).s) <= 1.0:
+            return False
+        usual = (1 if ident > 0 else -1) * (1 if self.left_hand else -1)
+        return 0 in (way, lane.way) or lane.kind == "bidirectional" or usual * lane.way == way
 
     def borders(self, ident: int, s: float) -> tuple[float, float]:
         """Smallest and largest t of a lane at s [m].
@@ -160,86 +182,90 @@ class Road:
 
 
 @dataclass(frozen=True, slots=True)
+class _Spot:
+    """A place in a lane of a straight piece, and which way one looks there: along s (1) or against it (-1)."""
+
+    road: Road
+    piece: _Piece
+    s: float
+    t: float
+    lane: int
+    way: int
+
+
+@dataclass(frozen=True, slots=True)
 class Roads:
     """All roads of a file."""
 
     file: str
     roads: dict[str, Road]
 
-    def road(self, ident: str) -> Road:
-        """Find a road.
+    def find(self, x: float, y: float, heading: float) -> _Spot | None:
+        """Find the lane at a point of the world, of a straight road about parallel to a heading, in no junction.
 
-        Raises:
-            DataError: There is none of this id.
+        Where several are, one that is driven in this direction comes first. None: there is none.
         """
-        if ident not in self.roads:
-            known = ", ".join(sorted(self.roads)[:8])
-            raise DataError(f'{self.file} has no road "{ident[:40]}"; it has: {known}.')
-        return self.roads[ident]
-
-    def find(self, x: float, y: float) -> tuple[Road, float, float] | None:
-        """Find the road with lanes at a point of the world, and s and t there; None: no straight one does."""
+        found = None
         for road in self.roads.values():
             for piece in road.pieces:
-                if not piece.straight:
+                turn = math.cos(heading - piece.heading)
+                if road.junction or not piece.straight or abs(turn) < math.cos(_ALIGNED):
                     continue
                 s, t = piece.where(x, y)
-                if piece.s <= s <= piece.s + piece.length and road.lane_at(s, t) is not None:
-                    return road, s, t
-        return None
+                lane = road.lane_at(s, t) if -_JOINT <= s - piece.s <= piece.length + _JOINT else None
+                if lane is not None:
+                    spot = _Spot(road, piece, s, t, lane, 1 if turn > 0.0 else -1)
+                    if road.driven(s, lane, spot.way):
+                        return spot
+                    found = found or spot
+        return found
+
+    def at(self, x: float, y: float) -> str:
+        """Say what of the file is nearest to a point of the world, with its line, for messages."""
+
+        def off(piece: _Piece) -> float:
+            s, t = piece.where(x, y)
+            return math.hypot(t, max(piece.s - s, s - piece.s - piece.length, 0.0))
+
+        pieces = ((off(piece), road, piece) for road in self.roads.values() for piece in road.pieces)
+        least, road, piece = min(pieces, key=lambda one: one[0])
+        shape = "straight" if piece.straight else f"{piece.kind}, radius {piece.radius:.0f} m"
+        junction = f" in junction {road.junction}" if road.junction else ""
+        return f"road {road.ident}{junction} ({shape}; line {piece.line}), {least:.0f} m from its line"
 
 
 @dataclass(frozen=True)
 class Frame:
-    """The straight stretch of a case, in our axes.
+    """A straight stretch of lanes in the world, and our axes there.
 
     Attributes:
-        road: On which the AV starts.
-        piece: Piece of its reference line.
-        along: 1 if the travel goes along s, -1 if against it.
-        begin, end: The stretch is straight between these x [m].
-        lanes: Ids of the lanes in the AV's direction, the rightmost first.
+        x, y: Place in the world of our origin, on the right edge of the rightmost lane [m].
+        direction: In which our x goes [rad].
+        lanes: Number of lanes in this direction.
         lane_width: [m].
-        edge: `along` times t of the right edge of the rightmost lane [m].
-        origin: x where s is 0 [m]: a road along the world's x axis keeps the world's x.
-        start: s where the AV starts.
-        curved: The road bends gently and is read as straight; places of the world are not known then.
         notes: What of the road is not carried over.
     """
 
-    road: Road
-    piece: _Piece
-    along: int
-    begin: float
-    end: float
-    lanes: tuple[int, ...]
+    x: float
+    y: float
+    direction: float
+    lanes: int
     lane_width: float
-    edge: float
-    origin: float
-    start: float
-    curved: bool
-    notes: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
-    def of_road(self, s: float, t: float) -> tuple[float, float]:
-        """Our x and y of a place on the road of the AV."""
-        return self.origin + self.along * s, self.along * t - self.edge
-
-    def of_world(self, x: float, y: float) -> tuple[float, float]:
-        """Our x and y of a point of the world."""
-        return self.of_road(*self.piece.where(x, y))
-
-    def heading(self, of_world: float) -> float:
-        """Our heading, in [-pi, pi), of one of the world."""
-        return _wrapped(of_world - self.piece.heading - (0.0 if self.along > 0 else math.pi))
-
-    def turned(self, dx: float, dy: float) -> tuple[float, float]:
+    def turned(self, dx: _Numbers, dy: _Numbers) -> tuple[_Numbers, _Numbers]:
         """Our vector of one of the world."""
-        cos, sin = self.along * math.cos(self.piece.heading), self.along * math.sin(self.piece.heading)
+        cos, sin = math.cos(self.direction), math.sin(self.direction)
         return dx * cos + dy * sin, dy * cos - dx * sin
 
-    def lane_of(self, y: float) -> int:
-        """Index of the lane at y, the nearest one beside the road."""
-        return min(max(int(y // self.lane_width), 0), len(self.lanes) - 1)
+    def of_world(self, x: _Numbers, y: _Numbers) -> tuple[_Numbers, _Numbers]:
+        """Our x and y of a point of the world."""
+        return self.turned(x - self.x, y - self.y)
+
+    def to_world(self, x: float, y: float) -> tuple[float, float]:
+        """Point of the world at our x and y."""
+        cos, sin = math.cos(self.direction), math.sin(self.direction)
+        return self.x + x * cos - y * sin, self.y + x * sin + y * cos
 
 
 def read_opendrive(path: Path) -> Roads:
@@ -262,109 +288,111 @@ def read_opendrive(path: Path) -> Roads:
     return Roads(path.name, roads)
 
 
-def frame_of(roads: Roads, road: Road, s: float, t: float) -> Frame:
-    """Make the frame of a case from where its AV starts.
+def frame_of(
+    roads: Roads, x: float, y: float, heading: float, ahead: float, others: NDArray[np.float64] | None = None
+) -> Frame:
+    """Make the frame of a case: the lanes that its AV drives beside, all the way.
+
+    Args:
+        roads: The roads.
+        x, y: Where the AV starts in the world [m]; the frame's origin is the foot of that on the right edge.
+        heading: In which direction it looks [rad].
+        ahead: How far it drives [m]; so far the road must be straight and keep its lanes.
+        others: Places (P, 2) of vehicles that drive the AV's way [m]: a lane beside for oncoming traffic in which one
+            of them does is a lane of the case. None: there are none.
 
     Raises:
-        DataError: The road is not straight there, has no driven lane, or lanes of too different widths.
+        DataError: It starts in no driven lane of a straight road, or drives against its direction; lanes differ in
+            width, or are narrower or wider than can be driven; a bend, a junction, the road's end, or a change of lanes
+            lies on its way.
     """
-    where = f"{roads.file}, line {road.line}"
-    piece = road.piece(s)
-    if not piece.gentle:
+    spot = roads.find(x, y, heading)
+    if spot is None:
         raise DataError(
-            f"{roads.file}, line {piece.line}: road {road.ident} is not straight where the AV starts ({piece.kind}, "
-            f"radius {piece.radius:.0f} m); roads with parallel lanes that are straight or have a radius of "
-            f"{_GENTLE:.0f} m or more can be read."
+            f"{roads.file}: the AV starts in no lane of a straight road. There ({x:.1f}, {y:.1f}) is "
+            f"{roads.at(x, y)}. Roads with parallel, straight lanes can be read."
         )
-    curved = not piece.straight
-    ident = road.lane_at(s, t)
-    side = (1 if ident > 0 else -1) if ident is not None else (1 if t > 0.0 else -1)
-    lanes = _driven(road, s, side, ident)
-    if not lanes:
-        raise DataError(f"{where}: road {road.ident} has no lane to drive in where the AV starts.")
-    along = -side if not road.left_hand else side
-    lanes.sort(key=lambda lane: along * sum(road.borders(lane, s)))
-    low, high = road.borders(lanes[0], s), road.borders(lanes[-1], s)
-    edge = min(along * low[0], along * low[1])
-    width = (max(along * high[0], along * high[1]) - edge) / len(lanes)
-    begin, end = _stretch(roads, road, piece, curved)
-    origin = 0.0 if along > 0 else road.length
-    if along > 0 and piece.heading == 0.0 and not curved:
-        origin = piece.x - piece.s
-    begin, end = sorted((origin + along * begin, origin + along * end))
-    notes = tuple(f"{where}: {note}" for note in _notes(road, s, lanes, width, curved))
-    for k, lane in enumerate(lanes):
-        off = abs(along * sum(road.borders(lane, s)) / 2.0 - edge - (k + 0.5) * width)
-        if off > _MOST_OFF:
+    road, way, s = spot.road, spot.way, spot.s
+    where = f"{roads.file}, line {road.line}"
+    if not road.driven(s, spot.lane, way):
+        kind = road.section(s).lanes[spot.lane].kind
+        raise DataError(f"{where}: the AV does not drive in the direction of its lane, {spot.lane} ({kind}).")
+    direction = spot.piece.heading + (0.0 if way > 0 else math.pi)
+    offset = np.zeros((0, 2)) if others is None else others - np.array([x, y])
+    aside = offset @ np.array([-math.sin(direction), math.cos(direction)])
+
+    def borders_of(lane: int) -> tuple[float, float]:
+        """Right and left border of a lane, to the left of the AV's start."""
+        low, high = sorted(way * (t - spot.t) for t in road.borders(lane, s))
+        return low, high
+
+    def is_used(lane: int) -> bool:
+        if road.driven(s, lane, way):
+            return True
+        low, high = borders_of(lane) if road.driven(s, lane, 0) else (0.0, 0.0)
+        return bool(((aside > low) & (aside < high)).any())
+
+    lanes = [spot.lane]
+    for step in (1, -1):
+        while is_used(after := lanes[-1] + step or step):
+            lanes.append(after)
+        lanes.reverse()
+    lanes.sort(key=borders_of)
+    borders = [borders_of(lane) for lane in lanes]
+    right = borders[0][0]
+    width = (borders[-1][1] - right) / len(lanes)
+    if not _WIDTHS[0] <= width <= _WIDTHS[1]:
+        low, high = _WIDTHS
+        raise DataError(f"{where}: lanes are {width:.3g} m wide; those of {low:g} to {high:g} m can be driven.")
+    if any(abs(low - right - k * width) > _MOST_OFF for k, (low, _) in enumerate(borders)):
+        raise DataError(f"{where}: the lanes of road {road.ident} differ too much in width; equal ones can be driven.")
+    notes = tuple(f"{where}: {note}" for note in _notes(road, s, way, lanes))
+    x, y = x - right * math.sin(direction), y + right * math.cos(direction)
+    frame = Frame(x, y, direction, len(lanes), width, notes)
+    _check_way(roads, frame, ahead)
+    return frame
+
+
+def _check_way(roads: Roads, frame: Frame, ahead: float) -> None:
+    """Refuse a way on which a lane ends, begins, bends or becomes narrower.
+
+    Raises:
+        DataError: One does.
+    """
+    for k in range(max(1, math.ceil(ahead / _STEP)) + 1):
+        x = min(_STEP * k, ahead)
+        for lane in range(frame.lanes):
+            place = frame.to_world(x, (lane + 0.5) * frame.lane_width)
+            spot = roads.find(*place, frame.direction)
+            why = "no such lane is there any more"
+            if spot is not None and spot.road.driven(spot.s, spot.lane, 0):
+                turn = math.remainder(spot.piece.heading - frame.direction, math.pi)
+                low, high = (t - spot.t for t in spot.road.borders(spot.lane, spot.s))
+                half = 0.5 * frame.lane_width
+                why = "it turns" if abs(turn) > 10.0 * _SAME_HEADING else "its borders are elsewhere"
+                if abs(turn) <= 10.0 * _SAME_HEADING and max(abs(low + half), abs(high - half)) <= 2.0 * _MOST_OFF:
+                    continue
             raise DataError(
-                f"{where}: the lanes of road {road.ident} differ too much in width; equal ones can be driven."
+                f"{roads.file}: the lanes of the AV's start do not go on straight for the {ahead:.0f} m that it "
+                f"drives: after {x:.0f} m {why}, at ({place[0]:.1f}, {place[1]:.1f}), by {roads.at(*place)}."
             )
-    return Frame(road, piece, along, begin, end, tuple(lanes), width, edge, origin, s, curved, notes)
 
 
-def _driven(road: Road, s: float, side: int, ident: int | None) -> list[int]:
-    """Ids of the driven lanes of a side that lie beside one another; with `ident`, if that is driven, around it."""
-    lanes = road.section(s).lanes
-    groups: list[list[int]] = [[]]
-    k = side
-    while k in lanes:
-        if lanes[k].kind in _DRIVEN and lanes[k].width(s - road.section(s).s) > 1.0:
-            groups[-1].append(k)
-        elif groups[-1]:
-            groups.append([])
-        k += side
-    return next((group for group in groups if ident in group), max(groups, key=len))
-
-
-def _stretch(roads: Roads, road: Road, piece: _Piece, curved: bool) -> tuple[float, float]:
-    """First and last s up to which it goes on as in a piece, over the ends of roads too if it is straight."""
-    spans = []
-    for other in road.pieces if curved else (p for r in roads.roads.values() for p in r.pieces):
-        s, off = piece.where(other.x, other.y)
-        turn = abs(_wrapped(other.heading - piece.heading))
-        if curved and other.gentle:
-            spans.append((other.s, other.s + other.length))
-        elif not curved and other.straight and abs(off) < _FLAT:
-            if turn < _SAME_HEADING:
-                spans.append((s, s + other.length))
-            elif math.pi - turn < _SAME_HEADING:
-                spans.append((s - other.length, s))
-    begin, end = piece.s, piece.s + piece.length
-    for low, high in sorted(spans):
-        if low <= end + _SAME_PLACE:
-            end = max(end, high)
-    for low, high in sorted(spans, key=lambda span: -span[1]):
-        if high >= begin - _SAME_PLACE:
-            begin = min(begin, low)
-    return begin, end
-
-
-def _notes(road: Road, s: float, lanes: list[int], width: float, curved: bool) -> Iterator[str]:
+def _notes(road: Road, s: float, way: int, lanes: list[int]) -> Iterator[str]:
     section = road.section(s)
-    if curved:
-        least = min(piece.radius for piece in road.pieces if piece.gentle)
-        yield f"road {road.ident} bends (radius {least:.0f} m or more); it is read as straight, along its line"
     for words in road.besides:
         yield f"road {road.ident}: {words}"
     others = [f"{lane.ident} ({lane.kind})" for lane in section.lanes.values() if lane.ident not in lanes]
     if others:
         yield f"lanes of road {road.ident} that are not driven in the AV's direction are left out: {', '.join(others)}"
+    for lane in lanes:
+        if not road.driven(s, lane, way):
+            yield f"lane {lane} of road {road.ident} is for oncoming traffic, but vehicles drive the AV's way in it"
     if road.left_hand:
         yield f"road {road.ident} has left-hand traffic; lanes keep their places, but AVs are used to the right"
-    widths = [road.section(s).lanes[lane].width(s - section.s) for lane in lanes]
+    widths = [section.lanes[lane].width(s - section.s) for lane in lanes]
     if max(widths) - min(widths) > _SAME_WIDTH:
-        yield f"lanes are {', '.join(f'{w:.2f}' for w in widths)} m wide; each counts as {width:.2f} m, places stay"
-    if any(not _same_lanes(road, s, other.s, lanes) for other in road.sections):
-        yield f"road {road.ident} has other lanes or widths farther on; those where the AV starts are used throughout"
-    if len(road.sections) == 1 and not _same_lanes(road, s, road.length, lanes):
-        yield f"lanes of road {road.ident} change their width; that where the AV starts is used throughout"
-
-
-def _same_lanes(road: Road, s: float, other: float, lanes: list[int]) -> bool:
-    if any(lane not in road.section(other).lanes for lane in lanes):
-        return False
-    pairs = zip((road.borders(k, s) for k in lanes), (road.borders(k, other) for k in lanes), strict=True)
-    return all(abs(a[0] - b[0]) < _SAME_WIDTH and abs(a[1] - b[1]) < _SAME_WIDTH for a, b in pairs)
+        yield f"lanes are {', '.join(f'{w:.2f}' for w in widths)} m wide; each counts as their mean, places stay"
 
 
 def _road(element: Element) -> Road:
@@ -377,9 +405,10 @@ def _road(element: Element) -> Road:
     if not sections:
         lanes.fault("there is no laneSection")
     offsets = sorted(_polynomial(part, "s") for part in lanes.all("laneOffset")) or [(0.0, 0.0, 0.0, 0.0, 0.0)]
-    left = element.attributes.get("rule", "RHT") == "LHT"
+    junction = element.attributes.get("junction", "-1")
     return Road(
-        element.string("id"), element.line, length, left, tuple(pieces), tuple(sections), tuple(offsets),
+        element.string("id"), element.line, length, "" if junction == "-1" else junction[:40],
+        element.attributes.get("rule", "RHT") == "LHT", tuple(pieces), tuple(sections), tuple(offsets),
         tuple(_besides(element)),
     )  # fmt: skip
 
@@ -417,7 +446,10 @@ def _section(element: Element) -> _Section:
             widths = tuple(sorted(_polynomial(width, "sOffset") for width in lane.all("width")))
             if not widths:
                 lane.fault(f"lane {ident} has no width (borders are not read)")
-            lanes[ident] = Lane(ident, lane.string("type", "none"), widths)
+            way = _WAYS.get(lane.attributes.get("direction", "standard"))
+            if way is None:
+                lane.fault(f'lane {ident} has direction "{lane.string("direction")[:40]}"')
+            lanes[ident] = Lane(ident, lane.string("type", "none"), way, widths)
         count = sum(k * sign > 0 for k in lanes)
         missing = next((sign * k for k in range(1, count + 1) if sign * k not in lanes), None)
         if missing is not None:
@@ -452,7 +484,3 @@ def _bend(shape: Element, length: float) -> tuple[str, float, float]:
     if abs(b) > _SAME_HEADING or abs(a) > _FLAT:
         return shape.tag, max(off, _FLAT), 0.0  # it does not begin along its heading
     return shape.tag, off, 1.0 / bend if bend > 0.0 else math.inf
-
-
-def _wrapped(angle: float) -> float:
-    return (angle + math.pi) % (2.0 * math.pi) - math.pi

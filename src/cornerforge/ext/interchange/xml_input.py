@@ -52,11 +52,6 @@ class Element:
         """Where it stands, for messages."""
         return f"{self.file}, line {self.line}"
 
-    @property
-    def size(self) -> int:
-        """Number of elements from here down."""
-        return 1 + sum(child.size for child in self.children)
-
     def child(self, *path: str) -> Element | None:
         """Find the first child of a name, and the first child of a name in that, and so on; None: there is none."""
         found = self
