@@ -1,8 +1,7 @@
 """Recorded motion of many cases as one ragged table: flat arrays that kernels and NumPy code take alike.
 
-The table is made from a library's tables (`recordings_of_tracks`) or from scenarios in memory
-(`recordings_of_scenarios`); `fields.SERIES` names the series. For a kernel that looks at one case, `unpack` writes the
-case into frames.
+The table is made from a library's tables (`recordings_of_tracks`) or from a scenario in memory (`recordings_of`);
+`fields.SERIES` names the series. For a kernel that looks at one case, `unpack` writes the case into frames.
 """
 
 from __future__ import annotations
@@ -27,10 +26,9 @@ __all__ = [
     "Recordings",
     "Trajectories",
     "bodies_in",
-    "bodies_of",
     "box_in",
+    "recordings_of",
     "recordings_of_columns",
-    "recordings_of_scenarios",
     "recordings_of_tracks",
     "unpack",
 ]
@@ -170,14 +168,6 @@ def bodies_in(odd: Odd, n: int) -> NDArray[np.void]:
     return bodies
 
 
-def bodies_of(scenario: Scenario) -> NDArray[np.void]:
-    """Take classes and sizes of a scenario's vehicles, shape (N,) of `BODY_FIELDS`."""
-    bodies = np.zeros(scenario.slot.size, dtype=BODY_FIELDS)
-    for body in BODY:
-        bodies[body.name] = getattr(scenario, body.name)
-    return bodies
-
-
 def recordings_of_tracks(cases: pa.Table, tracks: pa.Table, odd: Odd) -> Recordings:
     """Take the motion of cases out of a library's tables.
 
@@ -218,51 +208,30 @@ def recordings_of_tracks(cases: pa.Table, tracks: pa.Table, odd: Odd) -> Recordi
     )
 
 
-def recordings_of_scenarios(scenarios: Sequence[Scenario]) -> Recordings:
-    """Make recordings of scenarios in memory, all of one ODD; frames after the contact are left out.
+def recordings_of(scenario: Scenario) -> Recordings:
+    """Take a crash of the AV as recordings of one case; frames after the contact are left out.
 
     Raises:
-        InputError: There is no scenario, one holds no crash of the AV or not its contact, or their ODDs differ.
+        InputError: As `Scenario.contact`.
     """
-    if not scenarios:
-        raise InputError("There are no scenarios; give at least one.")
-    odd = scenarios[0].odd
-    names = np.array([(s.seed, s.test) for s in scenarios], dtype=np.int64)
-    slots, ends = [], []
-    for scenario in scenarios:
-        name = f"{scenario.seed}:{scenario.test}"
-        if scenario.crash is None or scenario.crash.slot_a != 0:
-            raise InputError(f"Test {name} holds no crash of the AV; only AV crashes are cases.")
-        if scenario.odd != odd:
-            raise InputError(
-                f"Test {name} is of another ODD than test {names[0, 0]}:{names[0, 1]}; give them one by one."
-            )
-        last = round(scenario.crash.time / FRAME_S)
-        if not 0 <= last < len(scenario.x):
-            raise InputError(f"Test {name}: its contact is not in the recording of {len(scenario.x)} frames.")
-        ends.append(last + 1)
-        slots.append(scenario.crash.slot_b)
+    last, partner = scenario.contact()
 
-    def flat(name: str) -> NDArray[Any]:
-        return np.concatenate([getattr(s, name)[:end].T.ravel() for s, end in zip(scenarios, ends, strict=True)])
+    def one(value: int) -> NDArray[np.int64]:
+        return np.array([value], dtype=np.int64)
 
-    frames = np.array(ends, dtype=np.int64)
-    found = recordings_of_columns(
-        names=names,
-        frames=frames,
-        vehicles=np.array([s.slot.size for s in scenarios], dtype=np.int64),
-        last=frames - 1,
-        slot=np.concatenate([s.slot for s in scenarios]),
-        bv_slot=np.array(slots),
-        bodies=np.concatenate([bodies_of(s) for s in scenarios]),
-        states={name: flat(name) for name in _OF_FRAME},
+    return Recordings(
+        seed=one(scenario.seed),
+        test=one(scenario.test),
+        frames=one(last + 1),
+        vehicles=one(scenario.slot.size),
+        at=one(0),
+        vehicle_at=one(0),
+        last=one(last),
+        partner=one(partner),
+        slot=scenario.slot.copy(),
+        **{name: np.array(getattr(scenario, name), BODY_FIELDS[name]) for name in BODY_FIELDS.names or ()},
+        **{name: getattr(scenario, name)[: last + 1].T.ravel() for name in _OF_FRAME},
     )
-    if not found.partner.all():
-        wrong = int(np.argmin(found.partner))
-        raise InputError(
-            f"Test {found.case_ids[wrong]}: its crash partner, slot {slots[wrong]}, is not among its vehicles once."
-        )
-    return found
 
 
 def _numbers_of(case_ids: Sequence[str]) -> NDArray[np.int64]:

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from reference.avoid import Actions, Traffic, has_way_out
 from reference.crashes import ODD, Mover, crash, drive, random_crash, scenario_of
+from reference.recorded import recordings_of_all
 from reference.shapes import Box as ShapeBox
 from reference.world import Vehicle
 
@@ -23,7 +24,7 @@ from cornerforge.counterfactual.search import BRAKING, Manoeuvres
 from cornerforge.counterfactual.witness import drive_way_out
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.ndd.model import NddModel
-from cornerforge.recordings import Recordings, Trajectories, bodies_in, recordings_of_scenarios, unpack
+from cornerforge.recordings import Recordings, Trajectories, bodies_in, unpack
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import crashed_tests, simulate_chunks
@@ -348,7 +349,7 @@ def cut_in(ahead: float, size: tuple[float, float]) -> Recordings:
         for vehicle in now:
             vehicle.move(SWIFT)
     scenario = replace(scenario_of(Traffic(ODD, rows, len(rows) - 1), partner=1), odd=SWIFT)
-    recordings = recordings_of_scenarios([scenario])
+    recordings = recordings_of_all([scenario])
     length, width = recordings.length.copy(), recordings.width.copy()
     length[1], width[1] = size
     return recordings._replace(length=length, width=width)

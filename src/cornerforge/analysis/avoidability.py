@@ -31,7 +31,7 @@ from cornerforge.counterfactual import (
 from cornerforge.errors import InputError
 from cornerforge.execution import Rooms, in_order
 from cornerforge.fields import BEFORE_CONTACT, REALS, Field
-from cornerforge.recordings import Recordings, recordings_of_scenarios, recordings_of_tracks
+from cornerforge.recordings import Recordings, recordings_of, recordings_of_tracks
 from cornerforge.road.straight import road_numbers
 from cornerforge.types import FRAME_S, Odd, Scenario
 
@@ -203,7 +203,7 @@ def avoidability(scenario: Scenario, params: AvoidParams | None = None) -> Avoid
             or a value of a present vehicle is not finite.
     """
     params = params or AvoidParams()
-    recordings = recordings_of_scenarios([scenario])
+    recordings = recordings_of(scenario)
     (name,) = recordings.case_ids
     problem = problem_of(recordings, -1, scenario.odd)
     if problem is not None:

@@ -197,7 +197,7 @@ def script_of(scenario: Scenario, tracks: pa.Table, row: int) -> Script | None:
         return None
     fields = tracks.column("start")[row].values.to_numpy(zero_copy_only=False).reshape(scenario.slot.size, -1)
     if fields.shape[1] < len(START_FIELDS):
-        raise FileFormatError(f"Case {scenario.seed}:{scenario.test} has a start of an earlier version; {MIGRATE}.")
+        raise FileFormatError(f"Case {scenario.case_id} has a start of an earlier version; {MIGRATE}.")
     poses = None
     if "rails" in tracks.column_names:
         flat = tracks.column("rails")[row].values.to_numpy(zero_copy_only=False)

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from cornerforge.analysis.crash_types import CRASH_TYPES
-from cornerforge.analysis.mechanism import MECHANISMS, crash_types_of, mechanism_of
+from cornerforge.analysis.mechanism import MECHANISMS, crash_type_of, mechanism_of
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.rates.attention import action_chances, oversight
 from cornerforge.results.driving import CrashCircumstances
@@ -67,7 +67,6 @@ class NaturalCrashes:
         scenario = self._recorder.record(self._seed, test)
         mechanism = mechanism_of(scenario)
         setting = self._run.setting
-        kind = crash_types_of([scenario]).names[0]
         assert scenario.crash is not None  # mechanism_of has looked
         chances = action_chances(
             setting,
@@ -79,7 +78,7 @@ class NaturalCrashes:
         )
         eyes = oversight(chances, scenario.crash.time, setting.tables.overlook, setting.tables.overlook_conflict)
         return scenario, CrashStudy(
-            crash_type=kind,
+            crash_type=crash_type_of(scenario)[0],
             mechanism=mechanism.name,
             at_start=mechanism.at_start,
             rarest_chance=eyes.rarest_chance,

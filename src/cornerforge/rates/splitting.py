@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checksums import read_arrays, write_arrays
-from cornerforge.analysis.mechanism import crash_types_of, mechanism_of
+from cornerforge.analysis.mechanism import crash_type_of, mechanism_of
 from cornerforge.errors import FileFormatError
 from cornerforge.execution.progress import Progress
 from cornerforge.experiment.experiments import Experiment
@@ -344,7 +344,7 @@ class Splitting:
             answers = block["answers"][k]
             scenario = record(script, answers[np.isfinite(answers[:, 0])])
             mechanism = mechanism_of(scenario)
-            kind = crash_types_of([scenario]).names[0]
+            kind = crash_type_of(scenario)[0]
             picked.append(PickedCrash(weight, kind, mechanism.name))
             extra = {
                 "crash_type": kind,

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.metrics.risk import lane_ttc, plane_ttc
 from cornerforge.report.judged import WayOut
-from cornerforge.report.moments import partner_of
 from cornerforge.road.straight import along
 from cornerforge.types import ACTIONS, CLASSES, FRAME_S, Scenario
 
@@ -76,7 +75,7 @@ def case_data(
     n_frames = len(scenario.x)
     if first is None:
         first = first_shown(scenario)
-    struck = partner_of(scenario)
+    struck = scenario.partner
     told = struck if struck is not None or partner is None else _column_of(scenario, partner)
     near = _near(scenario, first, told)
     columns = [int(c) for c in np.flatnonzero(near.any(axis=0))]

@@ -13,7 +13,7 @@ from cornerforge.metrics import bbd
 from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S, Scenario
 
-__all__ = ["Moment", "Moments", "WayOut", "corners_of", "overlap_of", "partner_of"]
+__all__ = ["Moment", "Moments", "WayOut", "corners_of", "overlap_of"]
 
 Corners = NDArray[np.float64]
 """Corners of boxes [m], counter-clockwise from the front left one, shape (..., 4, 2)."""
@@ -65,7 +65,7 @@ class Moments:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self._place = along(scenario.x[0, 0], scenario.x)
-        self.partner = partner_of(scenario)
+        self.partner = scenario.partner
         self.last = FRAME_S * (len(scenario.x) - 1)
         """Time of the last frame [s]."""
         self.contact = None if self.partner is None or scenario.crash is None else float(scenario.crash.time)
@@ -140,13 +140,6 @@ class Moments:
         low = int(frame + 1e-6)
         part = frame - low
         return (low, low, 0.0) if part < 1e-6 else (low, low + 1, part)
-
-
-def partner_of(scenario: Scenario) -> int | None:
-    """Column of the vehicle that the AV crashed with; None if the AV did not crash."""
-    if scenario.crash is None or scenario.crash.slot_a != 0:
-        return None
-    return int(np.flatnonzero(scenario.slot == scenario.crash.slot_b)[0])
 
 
 def corners_of(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from cornerforge._options import Option, verb
 from cornerforge.analysis.crash_types import STRIKERS, classify_crashes
 from cornerforge.analysis.in_words import what_happened
-from cornerforge.analysis.mechanism import contact_pose, crash_frame, crash_types_of
+from cornerforge.analysis.mechanism import contact_pose, crash_type_of
 from cornerforge.drivers.rails import X
 from cornerforge.errors import AvFaultError, InputError, UnknownNameError
 from cornerforge.experiment.experiments import Experiment
@@ -251,7 +251,8 @@ def drive_case(options: DriveCase) -> DrivenCase:
 def driven_with(driver: CaseDriver, case: CaseFile, av: str) -> DrivenCase:
     """Drive a case with the AV of a driver, and say what happened."""
     scenario = driver.record(case)
-    happened, striker = happened_in(scenario), _striker(scenario)
+    happened = happened_in(scenario)
+    striker = crash_type_of(scenario)[1] if happened.crashed else None
     return DrivenCase(case.name, av, happened, crash_in_words(scenario), scenario, striker=striker)
 
 
@@ -290,19 +291,11 @@ def striker_of_file(case: CaseFile) -> str | None:
         return STRIKERS[int(classify_crashes(happened.pose[None], length, width).striker[0])]
 
 
-def _striker(scenario: Scenario) -> str | None:
-    """Say who strikes; None: no crash of the AV."""
-    if not happened_in(scenario).crashed:
-        return None
-    return STRIKERS[int(crash_types_of([scenario]).striker[0])]
-
-
 def happened_in(scenario: Scenario) -> Happened:
     """Tell the AV's contact, if it has one."""
-    if scenario.crash is None or scenario.crash.slot_a != 0:
+    if scenario.partner is None:
         return Happened()
-    frame, _ = crash_frame(scenario)
-    return Happened(frame, scenario.crash.slot_b, contact_pose(scenario))
+    return Happened(scenario.contact()[0], int(scenario.slot[scenario.partner]), contact_pose(scenario))
 
 
 def crash_in_words(scenario: Scenario, called: Sequence[str] = ()) -> str:
@@ -315,7 +308,7 @@ def crash_in_words(scenario: Scenario, called: Sequence[str] = ()) -> str:
     happened = happened_in(scenario)
     if happened.frame is None or happened.pose is None or happened.partner is None:
         return f"no crash of the AV in {FRAME_S * (len(scenario.x) - 1):.1f} s"
-    frame, column = crash_frame(scenario)
+    frame, column = scenario.contact()
     name = f"({plain_text(called[happened.partner], _LONGEST_NAME)})" if called else f"in slot {happened.partner}"
     other = f"the {CLASSES[int(scenario.kind[column])].name} {name}"
     speeds = happened.pose[:, 2]
@@ -323,5 +316,5 @@ def crash_in_words(scenario: Scenario, called: Sequence[str] = ()) -> str:
         "av": f"the AV, at {speeds[0]:.1f} m/s, strikes {other}, at {speeds[1]:.1f} m/s",
         "bv": f"{other}, at {speeds[1]:.1f} m/s, strikes the AV, at {speeds[0]:.1f} m/s",
         "mutual": f"the AV, at {speeds[0]:.1f} m/s, and {other}, at {speeds[1]:.1f} m/s, strike each other",
-    }[str(_striker(scenario))]
+    }[crash_type_of(scenario)[1]]
     return f"crash after {FRAME_S * frame:.1f} s: {struck} ({what_happened(scenario)})"

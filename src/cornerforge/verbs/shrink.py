@@ -183,8 +183,7 @@ def _check_same(stored: StoredCase, again: Callable[[StoredCase], Scenario]) -> 
     driven = again(stored)
     if not is_same(driven, stored):
         raise ReplayError(
-            f"Case {driven.seed}:{driven.test}, driven again, is not what is stored; install the version that made the "
-            "library."
+            f"Case {driven.case_id}, driven again, is not what is stored; install the version that made the library."
         )
     return driven
 

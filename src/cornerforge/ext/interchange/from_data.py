@@ -11,7 +11,7 @@ from typing import Any
 
 from cornerforge._options import verb
 from cornerforge.analysis.crash_types import STRIKERS
-from cornerforge.analysis.mechanism import crash_types_of
+from cornerforge.analysis.mechanism import crash_type_of
 from cornerforge.errors import DataError
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import check_new_folder, open_output, provenance, whole_or_nothing, write_json
@@ -136,8 +136,7 @@ def _strikers(driven: CasesDriven) -> dict[str, str]:
         if one.library is not None and one.case_id is not None:
             if one.library not in libraries:
                 libraries[one.library] = CaseLibrary.open(one.library)
-            types = crash_types_of([libraries[one.library].scenario(one.case_id).scenario])
-            found[one.name] = STRIKERS[int(types.striker[0])]
+            found[one.name] = crash_type_of(libraries[one.library].scenario(one.case_id).scenario)[1]
     return found
 
 

@@ -12,7 +12,6 @@ from cornerforge.experiment.output import check_new_file, writing
 from cornerforge.ext.pictures.avoidance_figure import avoidance_figure
 from cornerforge.ext.pictures.film import check_film, film
 from cornerforge.report.drawing import check_matplotlib, png_of, svg_of
-from cornerforge.report.moments import partner_of
 from cornerforge.types import Scenario
 
 __all__ = ["check_picture", "check_video", "write_picture", "write_video"]
@@ -78,7 +77,7 @@ def write_video(
     Raises:
         OutputError: The file cannot be written.
     """
-    if answer is None or partner_of(scenario) is None:
+    if answer is None or scenario.partner is None:
         sentence, way_out = "The AV does not crash.", None
     else:
         sentence = case_in_words(scenario, avoidance_in_words(answer.label, answer.latest_s))
