@@ -9,12 +9,12 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from reference.recorded import recordings_of_all
+from reference.records import case_record
 
 from cornerforge.analysis.fault import Faults, assign_fault
 from cornerforge.analysis.measures import measure_cases
 from cornerforge.errors import InputError
 from cornerforge.fields import REALS, SERIES
-from cornerforge.library.record import case_record
 from cornerforge.recordings import (
     BODY_FIELDS,
     Recordings,

@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from reference.recorded import recordings_of_all
+from reference.records import case_record
 
 from cornerforge.analysis.fault import Faults, assign_fault
 from cornerforge.analysis.measures import MEASURES, Impact, measure_cases
 from cornerforge.errors import InputError
-from cornerforge.library.record import case_record
 from cornerforge.metrics import injury_probability
 from cornerforge.recordings import Recordings, recordings_of_tracks
 from cornerforge.types import ODDS, Crash, Scenario

@@ -56,7 +56,8 @@ class NaturalCrashes:
     def __init__(self, run: Experiment, seed: int) -> None:
         self._run = run
         self._seed = seed
-        self._recorder = run.recorder()
+        self.recorder = run.recorder()
+        """Holds the recording of the crash that was recorded last."""
 
     def record(self, test: int) -> tuple[Scenario, CrashStudy]:
         """Drive again a test that is known to end in an AV crash.
@@ -64,7 +65,7 @@ class NaturalCrashes:
         Raises:
             InputError: The test does not end in an AV crash.
         """
-        scenario = self._recorder.record(self._seed, test)
+        scenario = self.recorder.record(self._seed, test)
         mechanism = mechanism_of(scenario)
         setting = self._run.setting
         assert scenario.crash is not None  # mechanism_of has looked

@@ -28,7 +28,7 @@ from cornerforge.library.case_file import CaseFile, Happened, read_case_file
 from cornerforge.library.filling import MODEL_FILE
 from cornerforge.library.out_case import plain_text, straight_on
 from cornerforge.ndd.model import default_model_path, load_model, model_hash
-from cornerforge.sim import SUBSTEPS, Ending, Script
+from cornerforge.sim import SUBSTEPS, Ending, Script, ScriptDriver
 from cornerforge.types import CLASSES, FRAME_S, Scenario
 from cornerforge.world_options import AvAloneOptions, WorldOptions
 
@@ -166,7 +166,7 @@ class CaseDriver:
         """
         run = self.run(case)
         with _saying(case):
-            return recorded_drive(run, case.script)
+            return recorded_drive(run, run.script_driver(), case.script)
 
 
 @contextmanager
@@ -211,9 +211,8 @@ def av_straight_on(poses: NDArray[np.float64], frames: int) -> NDArray[np.float6
     return poses
 
 
-def recorded_drive(run: Experiment, script: Script) -> Scenario:
+def recorded_drive(run: Experiment, driver: ScriptDriver, script: Script) -> Scenario:
     """Drive a script and keep all of the motion; what was in the AV's seat drives as long as it was recorded."""
-    driver = run.script_driver()
     if run.av.name != RECORDED_AV:
         return driver.record(script)[0]
     script, frames = _as_recorded(script)

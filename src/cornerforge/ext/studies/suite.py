@@ -22,8 +22,9 @@ from cornerforge.experiment.output import check_new_folder, code_hash, config_ha
 from cornerforge.ext.studies.options import SuiteBuild
 from cornerforge.ext.studies.suite_choice import LeftOut, choose, leave_one_out, rank_agreement
 from cornerforge.foreign.spec import with_av
-from cornerforge.library import CaseLibrary, CaseRecord, case_record
+from cornerforge.library import CaseLibrary
 from cornerforge.library.filling import MODEL_FILE
+from cornerforge.library.harvester import CaseRoom
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
 from cornerforge.ndd.model import model_hash, save_model
 from cornerforge.results.suite import LeftOutAll, LeftOutAv, SuiteAv, SuiteBuilt
@@ -280,20 +281,19 @@ def _stored(
         CornerForgeError: An AV does not crash again, or the place cannot be written.
     """
     drivers = [(StoredScripts(cases, run), run.script_driver()) for cases, run in zip(sources, makers, strict=True)]
-    records: list[CaseRecord] = []
+    room = CaseRoom(makers[0].slots, int(makers[0].setting.road.max_decisions))
     for test, (source, case) in enumerate(chosen):
         scripts, driver = drivers[source]
         script = replace(scripts.of(sources[source].scenario(case)), seed=0, test=test)
-        scenario, _ = driver.record(script)
-        if scenario.crash is None or scenario.crash.slot_a != 0:
+        if driver.record(script)[0].partner is None:
             name = makers[source].av.name
             raise ReplayError(f"Case {case} of {sources[source].path}: {name} crashed in it and now does not.")
         extra = {"source": sources[source].path.name, "source_case": case, "source_av": makers[source].av.name}
-        records.append(case_record(scenario, start=script.start, poses=script.poses, extra=extra))
+        room.add(driver, extra, start=script.start, poses=script.poses)
         progress("writing the suite", test + 1, len(chosen))
     suite = CaseLibrary.create(place, identity, sources[0].odd)
-    n = len(records)
-    suite.append(records, next_test=n, tests=n, crashes=n, shard_cases=_SHARD_CASES)
+    n = len(room)
+    suite.fill(*room.take(), next_test=n, tests=n, crashes=n, shard_cases=_SHARD_CASES)
     save_model(makers[0].model, place / MODEL_FILE)
     suite.finish()
     for run in makers:
