@@ -19,7 +19,6 @@ from cornerforge.recordings import (
     BODY_FIELDS,
     Recordings,
     Trajectories,
-    bodies_in,
     box_in,
     recordings_of,
     recordings_of_tracks,
@@ -67,7 +66,7 @@ def test_the_list_of_series_is_that_of_the_fields() -> None:
 
 
 def test_tables_give_what_scenarios_give_and_stay_as_small_as_stored() -> None:
-    stored, direct = recordings_of_tracks(*tables(SCENARIOS), ODD), recordings_of_all(SCENARIOS)
+    stored, direct = recordings_of_tracks(*tables(SCENARIOS)), recordings_of_all(SCENARIOS)
     assert stored.case_ids == direct.case_ids == ("7:2", "7:4", "7:5")
     for name in Recordings._fields:
         one, other = getattr(stored, name), getattr(direct, name)
@@ -97,7 +96,7 @@ def test_every_case_unpacks_to_its_frames_from_any_block(size: int) -> None:
     for block in recordings.blocks(size):
         for c in range(block.n_cases):
             scenario = SCENARIOS[row]
-            frames, bodies = allocate_recording(12, 6), bodies_in(ODD, 6)
+            frames, bodies = allocate_recording(12, 6), np.zeros(6, BODY_FIELDS)
             unpack(block, c, frames, bodies)
             n, vehicles = scenario.x.shape
             assert np.array_equal(frames[:n, :vehicles], frames_of(scenario))
@@ -130,7 +129,7 @@ def going_on(scenario: Scenario, frames: int) -> Scenario:
 
 def test_what_is_recorded_after_the_contact_counts_for_nothing() -> None:
     long = [going_on(scenario, 4) for scenario in SCENARIOS]
-    cut, stored = recordings_of_all(SCENARIOS), recordings_of_tracks(*tables(long), ODD)
+    cut, stored = recordings_of_all(SCENARIOS), recordings_of_tracks(*tables(long))
     assert stored.frames.tolist() == [n + 4 for n in cut.frames]
     assert recordings_of_all(long).frames.tolist() == cut.frames.tolist()
     one, other = measure_cases(cut), measure_cases(stored)
@@ -145,7 +144,7 @@ def test_a_partner_that_is_not_there_once_is_none() -> None:
     cases, tracks = tables(SCENARIOS)
     place = cases.schema.get_field_index("bv_slot")
     for slots in ([8, 3, 9], [0, 3, 9]):  # nobody; the AV itself
-        found = recordings_of_tracks(cases.set_column(place, "bv_slot", pa.array(slots, pa.int16())), tracks, ODD)
+        found = recordings_of_tracks(cases.set_column(place, "bv_slot", pa.array(slots, pa.int16())), tracks)
         assert found.partner.tolist() == [0, 1, 3]
     with pytest.raises(InputError, match=r"Test 7:2: the contact with slot 6 .* is not in the recording"):
         recordings_of(replace(SCENARIOS[0], slot=np.array([0, 3, 9], np.int16)))
@@ -157,4 +156,4 @@ def test_a_name_that_is_none_is_refused() -> None:
         assert table.column("case_id").to_pylist() == ["7:2"]
     cases, tracks = (table.set_column(0, "case_id", pa.array(["7-2"])) for table in (cases, tracks))
     with pytest.raises(InputError, match="7-2 is no name of a case"):
-        recordings_of_tracks(cases, tracks, ODD)
+        recordings_of_tracks(cases, tracks)

@@ -15,7 +15,7 @@ from cornerforge._jit import inlined_kernel
 from cornerforge.errors import InputError
 from cornerforge.fields import BODY, SERIES
 from cornerforge.geometry import Box
-from cornerforge.types import FRAME_S, Odd, Scenario
+from cornerforge.types import FRAME_S, Scenario
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -25,7 +25,6 @@ __all__ = [
     "BODY_FIELDS",
     "Recordings",
     "Trajectories",
-    "bodies_in",
     "box_in",
     "recordings_of",
     "recordings_of_columns",
@@ -160,21 +159,12 @@ def box_in(test: Trajectories, f: int, i: int) -> Box:
     return Box(cell.x, cell.y, cell.heading, body.length, body.width)
 
 
-def bodies_in(odd: Odd, n: int) -> NDArray[np.void]:
-    """Make bodies of n cars of an ODD, shape (n,) of `BODY_FIELDS`; their lane changes take as long as the ODD says."""
-    bodies = np.zeros(n, dtype=BODY_FIELDS)
-    bodies["length"], bodies["width"] = odd.vehicle_length, odd.vehicle_width
-    bodies["change_time"] = odd.lane_change_duration
-    return bodies
-
-
-def recordings_of_tracks(cases: pa.Table, tracks: pa.Table, odd: Odd) -> Recordings:
+def recordings_of_tracks(cases: pa.Table, tracks: pa.Table) -> Recordings:
     """Take the motion of cases out of a library's tables.
 
     Args:
         cases: One row a case; `case_id`, `crash_time_s` and `bv_slot` of `fields.CASES` are read.
         tracks: `fields.TRACKS` of the same cases in the same order.
-        odd: Road and rules of the library.
 
     Raises:
         InputError: The tables are not of the same cases, or a name is not seed:test.
@@ -192,19 +182,17 @@ def recordings_of_tracks(cases: pa.Table, tracks: pa.Table, odd: Odd) -> Recordi
     known = np.isfinite(crash_time)
     last = np.full(len(ids), -1, dtype=np.int64)
     last[known] = np.rint(crash_time[known] / FRAME_S)
-    slot = flat("slot")
-    bodies = bodies_in(odd, slot.size)
-    for body in BODY:
-        bodies[body.name] = flat(body.column.name)
     return recordings_of_columns(
         names=_numbers_of(ids),
         frames=tracks.column("n_frames").to_numpy().astype(np.int64),
         vehicles=tracks.column("slot").combine_chunks().value_lengths().to_numpy().astype(np.int64),
         last=last,
-        slot=slot,
+        slot=flat("slot"),
         bv_slot=cases.column("bv_slot").to_numpy(),
-        bodies=bodies,
-        states={series.name: flat(series.column.name) for series in SERIES},
+        columns={
+            **{body.name: flat(body.column.name).copy() for body in BODY},
+            **{series.name: flat(series.column.name) for series in SERIES},
+        },
     )
 
 
@@ -254,8 +242,7 @@ def recordings_of_columns(
     last: NDArray[np.int64],
     slot: NDArray[np.int16],
     bv_slot: NDArray[Any],
-    bodies: NDArray[np.void],
-    states: dict[str, NDArray[Any]],
+    columns: dict[str, NDArray[Any]],
 ) -> Recordings:
     """Make recordings of columns in their order: find where each case begins, and its crash partner by the slot.
 
@@ -264,8 +251,7 @@ def recordings_of_columns(
         frames, vehicles, last: As in `Recordings`.
         slot: As in `Recordings`.
         bv_slot: Name of the vehicle that the AV touched first, shape (C,).
-        bodies: Of each vehicle, (V,) records that hold the fields of `BODY_FIELDS`.
-        states: The series of `fields.SERIES` by name, shape (E,) each.
+        columns: Constants of each vehicle, `fields.BODY` by name, (V,) each, and series, `fields.SERIES`, (E,) each.
     """
     sizes = frames * vehicles
     vehicle_at = np.cumsum(vehicles) - vehicles
@@ -284,6 +270,5 @@ def recordings_of_columns(
         last=last,
         partner=partner,
         slot=slot,
-        **{name: bodies[name].copy() for name in BODY_FIELDS.names or ()},
-        **states,
+        **columns,
     )

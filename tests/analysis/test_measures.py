@@ -270,7 +270,7 @@ def test_a_batch_is_its_cases_one_by_one_and_its_blocks(all_seeds: list[int]) ->
 def from_library(scenarios: list[Scenario]) -> Recordings:
     records = [case_record(scenario, trajectory_digest="0" * 64) for scenario in scenarios]
     cases, tracks = (pa.concat_tables(tables) for tables in ([r.cases for r in records], [r.tracks for r in records]))
-    return recordings_of_tracks(cases, tracks, scenarios[0].odd)
+    return recordings_of_tracks(cases, tracks)
 
 
 @given(st.lists(seeds, min_size=1, max_size=5, unique=True))
@@ -316,16 +316,16 @@ def test_no_cases_no_values() -> None:
 
 def test_tracks_without_the_partner_are_refused() -> None:
     record = case_record(braking_lead())
-    cases, tracks, odd = record.cases, record.tracks, ODDS["default"]
+    cases, tracks = record.cases, record.tracks
 
     def changed(name: str, value: object) -> pa.Table:
         place = cases.schema.get_field_index(name)
         return cases.set_column(place, cases.schema.field(name), pa.array([value], cases.schema.field(name).type))
 
     with pytest.raises(InputError, match="Case 5:0: its crash partner is not among its vehicles"):
-        measure_cases(recordings_of_tracks(changed("bv_slot", 9), tracks, odd))
+        measure_cases(recordings_of_tracks(changed("bv_slot", 9), tracks))
     for time in (5.0, None):
         with pytest.raises(InputError, match="Case 5:0: its contact is not in the recording"):
-            measure_cases(recordings_of_tracks(changed("crash_time_s", time), tracks, odd))
+            measure_cases(recordings_of_tracks(changed("crash_time_s", time), tracks))
     with pytest.raises(InputError, match="2 cases and 1 trajectories are not of the same cases"):
-        recordings_of_tracks(pa.concat_tables([cases, cases]), tracks, odd)
+        recordings_of_tracks(pa.concat_tables([cases, cases]), tracks)

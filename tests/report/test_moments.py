@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cornerforge.analysis.avoidability import WayOut
 from cornerforge.geometry import Box, boxes_overlap
-from cornerforge.report.judged import WayOut
 from cornerforge.report.moments import Moments, corners_of, overlap_of
 from cornerforge.types import FRAME_S, Crash, Scenario
 

@@ -4,34 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge.analysis.avoidability import WayOut
 from cornerforge.metrics import bbd
 from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S, Scenario
 
-__all__ = ["Moment", "Moments", "WayOut", "corners_of", "overlap_of"]
+__all__ = ["Moment", "Moments", "corners_of", "overlap_of"]
 
 Corners = NDArray[np.float64]
 """Corners of boxes [m], counter-clockwise from the front left one, shape (..., 4, 2)."""
-
-
-class WayOut(Protocol):
-    """The AV on a way out, every 0.1 s from `begin_s` before the contact on, each of shape (W,): m, m, m/s, rad."""
-
-    @property
-    def begin_s(self) -> float: ...  # noqa: D102
-    @property
-    def x(self) -> NDArray[np.float64]: ...  # noqa: D102
-    @property
-    def y(self) -> NDArray[np.float64]: ...  # noqa: D102
-    @property
-    def speed(self) -> NDArray[np.float64]: ...  # noqa: D102
-    @property
-    def heading(self) -> NDArray[np.float64]: ...  # noqa: D102
 
 
 @dataclass(frozen=True)

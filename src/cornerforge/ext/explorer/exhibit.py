@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from cornerforge.analysis.avoidability import WayOut
 from cornerforge.analysis.in_words import what_happened
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.ext.explorer.columns import CaseTable
@@ -24,7 +25,7 @@ from cornerforge.library import StoredCase
 from cornerforge.library.query import Asker
 from cornerforge.report import text
 from cornerforge.report.cases import case_data, first_shown, ghost
-from cornerforge.report.judged import JUDGED, WayOut, judgement_of
+from cornerforge.report.judged import JUDGED, judgement_of
 from cornerforge.report.verdict import verdict
 from cornerforge.types import Scenario
 

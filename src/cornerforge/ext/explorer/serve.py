@@ -258,10 +258,9 @@ def _doubts(source: Source) -> list[str]:
 
 
 def _ghosts(source: Source, stored: StoredCase) -> Mapping[str, Ghost]:
-    from cornerforge.analysis.avoidability import AvoidParams
+    from cornerforge.analysis.avoidability import AvoidParams, WayOut
     from cornerforge.analysis.prevented import driven_by
     from cornerforge.ext.explorer import Ghost
-    from cornerforge.report.judged import WayOut
 
     scenario = stored.scenario
     params = AvoidParams(steers=bool(source.cases.identity.get("av_steers")))

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import pyarrow as pa
 
+from cornerforge.analysis.avoidability import WayOut
 from cornerforge.errors import InputError
 from cornerforge.ext.explorer.columns import CaseTable, case_table
 from cornerforge.ext.explorer.sources import Analysis, Source, read_ways_out
 from cornerforge.library import StoredCase
-from cornerforge.report.judged import WayOut
 
 __all__ = ["Shelf", "State", "UnknownKeyError"]
 
