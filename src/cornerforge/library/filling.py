@@ -98,7 +98,7 @@ class _RecordingHarvester:
         outcomes, counts = self._run.drive(self._run.setting, self._run.slots, seed, first, count, counting)
         for test in crashed_tests(first, outcomes):
             self._recorder.drive(seed, test)
-            self._recorder.keep(self._cases.room())
+            self._cases.add(self._recorder)
         return harvested_of(first, outcomes, counts, self._cases)
 
 

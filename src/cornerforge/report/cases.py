@@ -23,7 +23,6 @@ SIGHT_M = 110.0
 """Vehicles are kept while they are this near to the AV along the road [m]; the widest view shows 100 m each way."""
 SHOWN_S = 30.0
 """Longest part of a test that is kept, counted back from its end [s]."""
-FRAMES_PER_DECISION = round(1.0 / FRAME_S)
 
 
 def load_scenarios(library: Path, case_ids: Iterable[str]) -> Iterator[tuple[str, Scenario | None]]:

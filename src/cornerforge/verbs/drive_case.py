@@ -33,8 +33,9 @@ from cornerforge.types import CLASSES, FRAME_S, Scenario
 from cornerforge.world_options import AvAloneOptions, WorldOptions
 
 __all__ = [
-    "COUNTS", "CaseDriver", "DrivenCase", "av_straight_on", "check_count", "crash_in_words", "drive_case",
+    "COUNTS", "CaseDriver", "DrivenCase", "av_straight_on", "check_count", "drive_case",
     "driven_with", "happened_in", "known_frames", "recorded_drive", "striker_of_file", "strikes",
+    "told",
 ]  # fmt: skip
 
 COUNTS = ("any", "av")
@@ -250,9 +251,8 @@ def drive_case(options: DriveCase) -> DrivenCase:
 def driven_with(driver: CaseDriver, case: CaseFile, av: str) -> DrivenCase:
     """Drive a case with the AV of a driver, and say what happened."""
     scenario = driver.record(case)
-    happened = happened_in(scenario)
-    striker = crash_type_of(scenario)[1] if happened.crashed else None
-    return DrivenCase(case.name, av, happened, crash_in_words(scenario), scenario, striker=striker)
+    happened, striker, words = told(scenario)
+    return DrivenCase(case.name, av, happened, words, scenario, striker=striker)
 
 
 def check_count(count: str) -> str:
@@ -297,23 +297,27 @@ def happened_in(scenario: Scenario) -> Happened:
     return Happened(scenario.contact()[0], int(scenario.slot[scenario.partner]), contact_pose(scenario))
 
 
-def crash_in_words(scenario: Scenario, called: Sequence[str] = ()) -> str:
-    """Say in words what happened: who struck whom, when, how fast both were.
+def told(scenario: Scenario, called: Sequence[str] = ()) -> tuple[Happened, str | None, str]:
+    """Tell what happened: the AV's contact; the striker, "av", "bv" or "mutual"; and in words how fast both were.
 
     Args:
         scenario: The motion.
         called: What the vehicles are called, by slot; empty: by their slots.
+
+    Returns:
+        Contact, striker (None: no crash of the AV), and words.
     """
     happened = happened_in(scenario)
     if happened.frame is None or happened.pose is None or happened.partner is None:
-        return f"no crash of the AV in {FRAME_S * (len(scenario.x) - 1):.1f} s"
+        return happened, None, f"no crash of the AV in {FRAME_S * (len(scenario.x) - 1):.1f} s"
     frame, column = scenario.contact()
     name = f"({plain_text(called[happened.partner], _LONGEST_NAME)})" if called else f"in slot {happened.partner}"
     other = f"the {CLASSES[int(scenario.kind[column])].name} {name}"
     speeds = happened.pose[:, 2]
+    striker = crash_type_of(scenario)[1]
     struck = {
         "av": f"the AV, at {speeds[0]:.1f} m/s, strikes {other}, at {speeds[1]:.1f} m/s",
         "bv": f"{other}, at {speeds[1]:.1f} m/s, strikes the AV, at {speeds[0]:.1f} m/s",
         "mutual": f"the AV, at {speeds[0]:.1f} m/s, and {other}, at {speeds[1]:.1f} m/s, strike each other",
-    }[crash_type_of(scenario)[1]]
-    return f"crash after {FRAME_S * frame:.1f} s: {struck} ({what_happened(scenario)})"
+    }[striker]
+    return happened, striker, f"crash after {FRAME_S * frame:.1f} s: {struck} ({what_happened(scenario)})"

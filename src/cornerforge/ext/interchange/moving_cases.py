@@ -20,12 +20,11 @@ from cornerforge.library import CaseLibrary
 from cornerforge.library.case_file import Happened
 from cornerforge.library.filling import MODEL_FILE
 from cornerforge.library.harvester import CaseRoom, Scalar
-from cornerforge.library.out_case import MovingCase, script_of
+from cornerforge.library.out_case import MovingCase, recorded_script
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
 from cornerforge.ndd.model import save_model
-from cornerforge.sim import Script
 from cornerforge.types import Odd
-from cornerforge.verbs.drive_case import av_straight_on, crash_in_words, happened_in, known_frames, recorded_drive
+from cornerforge.verbs.drive_case import av_straight_on, known_frames, recorded_drive, told
 from cornerforge.world_options import WorldOptions
 
 __all__ = ["CRASH", "NO_CRASH", "UNKNOWN", "CaseOutcome", "CasesDriven", "library_of"]
@@ -46,6 +45,7 @@ class CaseOutcome:
         outcome: CRASH, NO_CRASH or UNKNOWN.
         words: What happened.
         happened: The same as numbers; None where the AV's motion is unknown.
+        striker: Which vehicle strikes: "av", "bv" or "mutual"; None without crash.
         library: Library that holds it; None without crash.
         case_id: Its name there.
     """
@@ -54,6 +54,7 @@ class CaseOutcome:
     outcome: str
     words: str
     happened: Happened | None = None
+    striker: str | None = None
     library: Path | None = None
     case_id: str | None = None
 
@@ -162,15 +163,14 @@ def _record_all(
         if run.av.name == RECORDED_AV and not case.av_is_recorded:
             found[number] = CaseOutcome(case.name, UNKNOWN, "what the AV did was not recorded")
             continue
-        script = _script_of(case, set_speed, seed, number)
+        script = recorded_script(case, set_speed=set_speed, seed=seed, test=number)
         try:
             scenario = recorded_drive(run, driver, script)
         except AvFaultError as error:
             found[number] = CaseOutcome(case.name, UNKNOWN, str(error))
             continue
-        happened = happened_in(scenario)
-        outcome = CRASH if happened.crashed else NO_CRASH
-        found[number] = CaseOutcome(case.name, outcome, crash_in_words(scenario, case.called), happened)
+        happened, striker, words = told(scenario, case.called)
+        found[number] = CaseOutcome(case.name, CRASH if happened.crashed else NO_CRASH, words, happened, striker)
         if happened.crashed:
             source = case.facts.get("source")
             extra: dict[str, Scalar] = {
@@ -183,14 +183,6 @@ def _record_all(
             room.add(driver, extra, start=script.start, poses=poses)
     progress("cases", len(found), total)
     return room
-
-
-def _script_of(case: MovingCase, set_speed: float | None, seed: int, number: int) -> Script:
-    """Make the script; the AV's own rails are as long as it was recorded."""
-    script = script_of(case, set_speed=set_speed, seed=seed, test=number)
-    if script.poses is not None:
-        script.poses[len(case.poses) :, 0] = np.nan
-    return script
 
 
 def _store(
