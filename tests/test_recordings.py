@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+from reference.recorded import recordings_of_all
+from reference.records import case_record
 
 from cornerforge.analysis.fault import Faults, assign_fault
 from cornerforge.analysis.measures import measure_cases
 from cornerforge.errors import InputError
 from cornerforge.fields import REALS, SERIES
-from cornerforge.library.record import case_record
 from cornerforge.recordings import (
     BODY_FIELDS,
     Recordings,
     Trajectories,
-    bodies_in,
     box_in,
-    recordings_of_scenarios,
+    recordings_of,
     recordings_of_tracks,
     unpack,
 )
@@ -66,7 +66,7 @@ def test_the_list_of_series_is_that_of_the_fields() -> None:
 
 
 def test_tables_give_what_scenarios_give_and_stay_as_small_as_stored() -> None:
-    stored, direct = recordings_of_tracks(*tables(SCENARIOS), ODD), recordings_of_scenarios(SCENARIOS)
+    stored, direct = recordings_of_tracks(*tables(SCENARIOS)), recordings_of_all(SCENARIOS)
     assert stored.case_ids == direct.case_ids == ("7:2", "7:4", "7:5")
     for name in Recordings._fields:
         one, other = getattr(stored, name), getattr(direct, name)
@@ -89,14 +89,14 @@ def frames_of(scenario: Scenario) -> np.ndarray:
 
 @pytest.mark.parametrize("size", [1, 2, 3])
 def test_every_case_unpacks_to_its_frames_from_any_block(size: int) -> None:
-    recordings = recordings_of_scenarios(SCENARIOS)
+    recordings = recordings_of_all(SCENARIOS)
     lengths = np.linspace(2.0, 20.0, recordings.slot.size)
     recordings = recordings._replace(length=lengths, width=0.1 * lengths, kind=np.arange(lengths.size, dtype=np.int8))
     row = 0
     for block in recordings.blocks(size):
         for c in range(block.n_cases):
             scenario = SCENARIOS[row]
-            frames, bodies = allocate_recording(12, 6), bodies_in(ODD, 6)
+            frames, bodies = allocate_recording(12, 6), np.zeros(6, BODY_FIELDS)
             unpack(block, c, frames, bodies)
             n, vehicles = scenario.x.shape
             assert np.array_equal(frames[:n, :vehicles], frames_of(scenario))
@@ -129,9 +129,9 @@ def going_on(scenario: Scenario, frames: int) -> Scenario:
 
 def test_what_is_recorded_after_the_contact_counts_for_nothing() -> None:
     long = [going_on(scenario, 4) for scenario in SCENARIOS]
-    cut, stored = recordings_of_scenarios(SCENARIOS), recordings_of_tracks(*tables(long), ODD)
+    cut, stored = recordings_of_all(SCENARIOS), recordings_of_tracks(*tables(long))
     assert stored.frames.tolist() == [n + 4 for n in cut.frames]
-    assert recordings_of_scenarios(long).frames.tolist() == cut.frames.tolist()
+    assert recordings_of_all(long).frames.tolist() == cut.frames.tolist()
     one, other = measure_cases(cut), measure_cases(stored)
     for name, values in one.items():
         assert other[name] == pytest.approx(values, nan_ok=True, rel=1e-4, abs=1e-4), name
@@ -144,11 +144,10 @@ def test_a_partner_that_is_not_there_once_is_none() -> None:
     cases, tracks = tables(SCENARIOS)
     place = cases.schema.get_field_index("bv_slot")
     for slots in ([8, 3, 9], [0, 3, 9]):  # nobody; the AV itself
-        found = recordings_of_tracks(cases.set_column(place, "bv_slot", pa.array(slots, pa.int16())), tracks, ODD)
+        found = recordings_of_tracks(cases.set_column(place, "bv_slot", pa.array(slots, pa.int16())), tracks)
         assert found.partner.tolist() == [0, 1, 3]
-    twice = replace(SCENARIOS[0], slot=np.array([0, 6, 6], np.int16))
-    with pytest.raises(InputError, match="Test 7:2: its crash partner, slot 6, is not among its vehicles once"):
-        recordings_of_scenarios([twice])
+    with pytest.raises(InputError, match=r"Test 7:2: the contact with slot 6 .* is not in the recording"):
+        recordings_of(replace(SCENARIOS[0], slot=np.array([0, 3, 9], np.int16)))
 
 
 def test_a_name_that_is_none_is_refused() -> None:
@@ -157,4 +156,4 @@ def test_a_name_that_is_none_is_refused() -> None:
         assert table.column("case_id").to_pylist() == ["7:2"]
     cases, tracks = (table.set_column(0, "case_id", pa.array(["7-2"])) for table in (cases, tracks))
     with pytest.raises(InputError, match="7-2 is no name of a case"):
-        recordings_of_tracks(cases, tracks, ODD)
+        recordings_of_tracks(cases, tracks)

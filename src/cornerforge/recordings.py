@@ -1,8 +1,7 @@
 """Recorded motion of many cases as one ragged table: flat arrays that kernels and NumPy code take alike.
 
-The table is made from a library's tables (`recordings_of_tracks`) or from scenarios in memory
-(`recordings_of_scenarios`); `fields.SERIES` names the series. For a kernel that looks at one case, `unpack` writes the
-case into frames.
+The table is made from a library's tables (`recordings_of_tracks`) or from a scenario in memory (`recordings_of`);
+`fields.SERIES` names the series. For a kernel that looks at one case, `unpack` writes the case into frames.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from cornerforge._jit import inlined_kernel
 from cornerforge.errors import InputError
 from cornerforge.fields import BODY, SERIES
 from cornerforge.geometry import Box
-from cornerforge.types import FRAME_S, Odd, Scenario
+from cornerforge.types import FRAME_S, Scenario
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -26,11 +25,9 @@ __all__ = [
     "BODY_FIELDS",
     "Recordings",
     "Trajectories",
-    "bodies_in",
-    "bodies_of",
     "box_in",
+    "recordings_of",
     "recordings_of_columns",
-    "recordings_of_scenarios",
     "recordings_of_tracks",
     "unpack",
 ]
@@ -162,29 +159,12 @@ def box_in(test: Trajectories, f: int, i: int) -> Box:
     return Box(cell.x, cell.y, cell.heading, body.length, body.width)
 
 
-def bodies_in(odd: Odd, n: int) -> NDArray[np.void]:
-    """Make bodies of n cars of an ODD, shape (n,) of `BODY_FIELDS`; their lane changes take as long as the ODD says."""
-    bodies = np.zeros(n, dtype=BODY_FIELDS)
-    bodies["length"], bodies["width"] = odd.vehicle_length, odd.vehicle_width
-    bodies["change_time"] = odd.lane_change_duration
-    return bodies
-
-
-def bodies_of(scenario: Scenario) -> NDArray[np.void]:
-    """Take classes and sizes of a scenario's vehicles, shape (N,) of `BODY_FIELDS`."""
-    bodies = np.zeros(scenario.slot.size, dtype=BODY_FIELDS)
-    for body in BODY:
-        bodies[body.name] = getattr(scenario, body.name)
-    return bodies
-
-
-def recordings_of_tracks(cases: pa.Table, tracks: pa.Table, odd: Odd) -> Recordings:
+def recordings_of_tracks(cases: pa.Table, tracks: pa.Table) -> Recordings:
     """Take the motion of cases out of a library's tables.
 
     Args:
         cases: One row a case; `case_id`, `crash_time_s` and `bv_slot` of `fields.CASES` are read.
         tracks: `fields.TRACKS` of the same cases in the same order.
-        odd: Road and rules of the library.
 
     Raises:
         InputError: The tables are not of the same cases, or a name is not seed:test.
@@ -202,67 +182,44 @@ def recordings_of_tracks(cases: pa.Table, tracks: pa.Table, odd: Odd) -> Recordi
     known = np.isfinite(crash_time)
     last = np.full(len(ids), -1, dtype=np.int64)
     last[known] = np.rint(crash_time[known] / FRAME_S)
-    slot = flat("slot")
-    bodies = bodies_in(odd, slot.size)
-    for body in BODY:
-        bodies[body.name] = flat(body.column.name)
     return recordings_of_columns(
         names=_numbers_of(ids),
         frames=tracks.column("n_frames").to_numpy().astype(np.int64),
         vehicles=tracks.column("slot").combine_chunks().value_lengths().to_numpy().astype(np.int64),
         last=last,
-        slot=slot,
+        slot=flat("slot"),
         bv_slot=cases.column("bv_slot").to_numpy(),
-        bodies=bodies,
-        states={series.name: flat(series.column.name) for series in SERIES},
+        columns={
+            **{body.name: flat(body.column.name).copy() for body in BODY},
+            **{series.name: flat(series.column.name) for series in SERIES},
+        },
     )
 
 
-def recordings_of_scenarios(scenarios: Sequence[Scenario]) -> Recordings:
-    """Make recordings of scenarios in memory, all of one ODD; frames after the contact are left out.
+def recordings_of(scenario: Scenario) -> Recordings:
+    """Take a crash of the AV as recordings of one case; frames after the contact are left out.
 
     Raises:
-        InputError: There is no scenario, one holds no crash of the AV or not its contact, or their ODDs differ.
+        InputError: As `Scenario.contact`.
     """
-    if not scenarios:
-        raise InputError("There are no scenarios; give at least one.")
-    odd = scenarios[0].odd
-    names = np.array([(s.seed, s.test) for s in scenarios], dtype=np.int64)
-    slots, ends = [], []
-    for scenario in scenarios:
-        name = f"{scenario.seed}:{scenario.test}"
-        if scenario.crash is None or scenario.crash.slot_a != 0:
-            raise InputError(f"Test {name} holds no crash of the AV; only AV crashes are cases.")
-        if scenario.odd != odd:
-            raise InputError(
-                f"Test {name} is of another ODD than test {names[0, 0]}:{names[0, 1]}; give them one by one."
-            )
-        last = round(scenario.crash.time / FRAME_S)
-        if not 0 <= last < len(scenario.x):
-            raise InputError(f"Test {name}: its contact is not in the recording of {len(scenario.x)} frames.")
-        ends.append(last + 1)
-        slots.append(scenario.crash.slot_b)
+    last, partner = scenario.contact()
 
-    def flat(name: str) -> NDArray[Any]:
-        return np.concatenate([getattr(s, name)[:end].T.ravel() for s, end in zip(scenarios, ends, strict=True)])
+    def one(value: int) -> NDArray[np.int64]:
+        return np.array([value], dtype=np.int64)
 
-    frames = np.array(ends, dtype=np.int64)
-    found = recordings_of_columns(
-        names=names,
-        frames=frames,
-        vehicles=np.array([s.slot.size for s in scenarios], dtype=np.int64),
-        last=frames - 1,
-        slot=np.concatenate([s.slot for s in scenarios]),
-        bv_slot=np.array(slots),
-        bodies=np.concatenate([bodies_of(s) for s in scenarios]),
-        states={name: flat(name) for name in _OF_FRAME},
+    return Recordings(
+        seed=one(scenario.seed),
+        test=one(scenario.test),
+        frames=one(last + 1),
+        vehicles=one(scenario.slot.size),
+        at=one(0),
+        vehicle_at=one(0),
+        last=one(last),
+        partner=one(partner),
+        slot=scenario.slot.copy(),
+        **{name: np.array(getattr(scenario, name), BODY_FIELDS[name]) for name in BODY_FIELDS.names or ()},
+        **{name: getattr(scenario, name)[: last + 1].T.ravel() for name in _OF_FRAME},
     )
-    if not found.partner.all():
-        wrong = int(np.argmin(found.partner))
-        raise InputError(
-            f"Test {found.case_ids[wrong]}: its crash partner, slot {slots[wrong]}, is not among its vehicles once."
-        )
-    return found
 
 
 def _numbers_of(case_ids: Sequence[str]) -> NDArray[np.int64]:
@@ -285,8 +242,7 @@ def recordings_of_columns(
     last: NDArray[np.int64],
     slot: NDArray[np.int16],
     bv_slot: NDArray[Any],
-    bodies: NDArray[np.void],
-    states: dict[str, NDArray[Any]],
+    columns: dict[str, NDArray[Any]],
 ) -> Recordings:
     """Make recordings of columns in their order: find where each case begins, and its crash partner by the slot.
 
@@ -295,8 +251,7 @@ def recordings_of_columns(
         frames, vehicles, last: As in `Recordings`.
         slot: As in `Recordings`.
         bv_slot: Name of the vehicle that the AV touched first, shape (C,).
-        bodies: Of each vehicle, (V,) records that hold the fields of `BODY_FIELDS`.
-        states: The series of `fields.SERIES` by name, shape (E,) each.
+        columns: Constants of each vehicle, `fields.BODY` by name, (V,) each, and series, `fields.SERIES`, (E,) each.
     """
     sizes = frames * vehicles
     vehicle_at = np.cumsum(vehicles) - vehicles
@@ -315,6 +270,5 @@ def recordings_of_columns(
         last=last,
         partner=partner,
         slot=slot,
-        **{name: bodies[name].copy() for name in BODY_FIELDS.names or ()},
-        **states,
+        **columns,
     )

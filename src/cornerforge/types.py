@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer, check_number
 from cornerforge._schema import check_fields, meant
-from cornerforge.errors import UnknownNameError
+from cornerforge.errors import InputError, UnknownNameError
 
 __all__ = [
     "ACCELERATIONS",
@@ -335,3 +335,32 @@ class Scenario:
                 object.__setattr__(self, name, np.array(sizes, dtype=np.float64))
         if self.change_time.size == 0:
             object.__setattr__(self, "change_time", np.full(size, self.odd.lane_change_duration))
+
+    @property
+    def case_id(self) -> str:
+        """Name of the test, `seed:test`."""
+        return f"{self.seed}:{self.test}"
+
+    @property
+    def partner(self) -> int | None:
+        """Column of the vehicle that the AV crashed with; None if the AV did not crash."""
+        if self.crash is None or self.crash.slot_a != 0:
+            return None
+        return next(iter(np.flatnonzero(self.slot == self.crash.slot_b).tolist()), None)
+
+    def contact(self) -> tuple[int, int]:
+        """Frame of the AV's crash, and column of the vehicle that it crashed with.
+
+        Raises:
+            InputError: There is no crash of the AV, or the recording does not hold its contact.
+        """
+        crash, partner = self.crash, self.partner
+        if crash is None or crash.slot_a != 0:
+            raise InputError(f"Test {self.case_id} holds no crash of the AV; only AV crashes are cases.")
+        frame = round(crash.time / FRAME_S)
+        if partner is None or not 0 <= frame < len(self.x) or not self.present[frame, [0, partner]].all():
+            raise InputError(
+                f"Test {self.case_id}: the contact with slot {crash.slot_b} at {crash.time} s is not in the recording "
+                f"of {len(self.x)} frames."
+            )
+        return frame, partner

@@ -99,7 +99,7 @@ def test_a_learners_crashes_are_the_cases_of_the_library(library: tuple[dict[str
         assert (actors.history.crashed == -1).all()
 
     [(rows, tracks)] = CaseLibrary.open(folder / "lib").shards()
-    stored = {case.case_ids[0]: case for case in recordings_of_tracks(rows, tracks, run.odd).blocks(1)}
+    stored = {case.case_ids[0]: case for case in recordings_of_tracks(rows, tracks).blocks(1)}
     both = stored.keys() & judged.keys()
     assert len(both) > 30
     for name in both:

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from reference.records import append, case_record
 
 from cornerforge.analysis.avoidability import (
     AVOIDABILITY_SCHEMA,
@@ -21,7 +22,7 @@ from cornerforge.analysis.avoidability import (
 )
 from cornerforge.errors import InputError
 from cornerforge.ext.pictures.picture import avoidance_figure
-from cornerforge.library import CaseLibrary, case_record
+from cornerforge.library import CaseLibrary
 from cornerforge.report.drawing import png_of
 from cornerforge.types import Crash, Odd, Scenario
 
@@ -59,7 +60,7 @@ def library_of(folder: Path, scenarios: Sequence[Scenario], shard: int = 5) -> C
     for k in range(0, len(scenarios), shard):
         part = [case_record(scenario, trajectory_digest="00") for scenario in scenarios[k : k + shard]]
         done = k + len(part)
-        library.append(part, next_test=done, tests=done, crashes=done)
+        append(library, part, next_test=done, tests=done, crashes=done)
     library.finish()
     return library
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from crashes_by_hand import LEFT, MIDDLE, RIGHT, Car, Turn, crash, mirrored
+from reference.recorded import recordings_of_all
 
 import cornerforge
 from cornerforge.analysis.conduct import CONDUCTS, Conduct, conduct_of
 from cornerforge.analysis.flaw import FLAWS, flaws_of, headline, in_words
-from cornerforge.recordings import recordings_of_scenarios
 from cornerforge.results.analysis import OwnDoing
 from cornerforge.types import ODDS, Scenario
 
@@ -20,7 +20,7 @@ CODES = {name: k for k, name in enumerate(CONDUCTS)}
 
 
 def found(scenario: Scenario) -> tuple[str, str]:
-    columns = conduct_of(recordings_of_scenarios([scenario]), ODD).columns()
+    columns = conduct_of(recordings_of_all([scenario]), ODD).columns()
     return str(columns["conduct"][0]), str(columns["conduct_side"][0])
 
 
@@ -91,7 +91,7 @@ def test_the_mirror_image_gives_the_other_side(name: str) -> None:
 
 def test_a_third_vehicle_changes_nothing() -> None:
     scenarios = [crash(STEADY, SLOWER), crash(STEADY, SLOWER, Car(60.0, RIGHT, 30.0))]
-    found = conduct_of(recordings_of_scenarios(scenarios), ODD)
+    found = conduct_of(recordings_of_all(scenarios), ODD)
     assert found.code.tolist() == 2 * [CODES["does-not-brake"]]
     assert found.begin_s[0] == found.begin_s[1] > 2.0
     columns = found.columns()

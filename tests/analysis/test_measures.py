@@ -11,13 +11,14 @@ import pyarrow as pa
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from reference.recorded import recordings_of_all
+from reference.records import case_record
 
 from cornerforge.analysis.fault import Faults, assign_fault
 from cornerforge.analysis.measures import MEASURES, Impact, measure_cases
 from cornerforge.errors import InputError
-from cornerforge.library.record import case_record
 from cornerforge.metrics import injury_probability
-from cornerforge.recordings import Recordings, recordings_of_scenarios, recordings_of_tracks
+from cornerforge.recordings import Recordings, recordings_of_tracks
 from cornerforge.types import ODDS, Crash, Scenario
 
 DT = 0.1
@@ -51,7 +52,7 @@ def scenario_of(frames: list[list[Row]], test: int = 0) -> Scenario:
 
 
 def measure(*scenarios: Scenario) -> dict[str, list[float]]:
-    columns = measure_cases(recordings_of_scenarios(scenarios))
+    columns = measure_cases(recordings_of_all(scenarios))
     return {name: values.tolist() for name, values in columns.items()}
 
 
@@ -143,7 +144,7 @@ TRUCK, MOTORCYCLE = (16.5, 2.55), (2.2, 0.8)
 
 def as_class(scenario: Scenario, vehicle: int, size: tuple[float, float]) -> Recordings:
     """The recording of a scenario in which one vehicle has another size."""
-    recordings = recordings_of_scenarios([scenario])
+    recordings = recordings_of_all([scenario])
     length, width = recordings.length.copy(), recordings.width.copy()
     length[vehicle], width[vehicle] = size
     return recordings._replace(length=length, width=width)
@@ -168,7 +169,7 @@ def test_a_lead_of_another_length_with_its_rear_where_a_cars_is_gives_the_same(s
             assert other[name] == pytest.approx([values[0] + 2.0 - 0.5 * (2.0 + size[1])])
         else:
             assert other[name] == pytest.approx(values, nan_ok=True, abs=1e-9), name
-    faults, others = assign_fault(recordings_of_scenarios([scenario])), assign_fault(as_class(further, 1, size))
+    faults, others = assign_fault(recordings_of_all([scenario])), assign_fault(as_class(further, 1, size))
     assert (others.fault, others.rule, others.violation_s) == (faults.fault, faults.rule, faults.violation_s)
     # Negative control: as a car the motorcycle overlaps before the contact, and the truck's rear is not touched at all.
     if size == MOTORCYCLE:
@@ -257,10 +258,10 @@ def test_mirrored_roads_give_mirrored_measures(seed: int) -> None:
 @given(st.lists(seeds, min_size=1, max_size=6, unique=True))
 def test_a_batch_is_its_cases_one_by_one_and_its_blocks(all_seeds: list[int]) -> None:
     scenarios = [random_scenario(seed, test) for test, seed in enumerate(all_seeds)]
-    recordings = recordings_of_scenarios(scenarios)
+    recordings = recordings_of_all(scenarios)
     batch = measure_cases(recordings)
     blocks = [measure_cases(block) for block in recordings.blocks(2)]
-    singles = [measure_cases(recordings_of_scenarios([scenario])) for scenario in scenarios]
+    singles = [measure_cases(recordings_of_all([scenario])) for scenario in scenarios]
     for name, values in batch.items():
         assert np.array_equal(values, np.concatenate([one[name] for one in singles]), equal_nan=True)
         assert np.array_equal(values, np.concatenate([block[name] for block in blocks]), equal_nan=True)
@@ -269,7 +270,7 @@ def test_a_batch_is_its_cases_one_by_one_and_its_blocks(all_seeds: list[int]) ->
 def from_library(scenarios: list[Scenario]) -> Recordings:
     records = [case_record(scenario, trajectory_digest="0" * 64) for scenario in scenarios]
     cases, tracks = (pa.concat_tables(tables) for tables in ([r.cases for r in records], [r.tracks for r in records]))
-    return recordings_of_tracks(cases, tracks, scenarios[0].odd)
+    return recordings_of_tracks(cases, tracks)
 
 
 @given(st.lists(seeds, min_size=1, max_size=5, unique=True))
@@ -279,7 +280,7 @@ def test_stored_tracks_give_what_the_scenarios_give(all_seeds: list[int]) -> Non
         replace(s, **{name: getattr(s, name).astype(np.float32) for name in ("x", "y", "speed", "heading")})
         for s in (random_scenario(seed, test) for test, seed in enumerate(all_seeds))
     ]
-    stored, direct = from_library(scenarios), recordings_of_scenarios(scenarios)
+    stored, direct = from_library(scenarios), recordings_of_all(scenarios)
     assert stored.case_ids == direct.case_ids
     one, other = measure_cases(stored), measure_cases(direct)
     for name, values in one.items():
@@ -290,7 +291,7 @@ def test_stored_tracks_give_what_the_scenarios_give(all_seeds: list[int]) -> Non
 
 
 def test_masses_and_restitution_move_the_severity() -> None:
-    recordings = recordings_of_scenarios([braking_lead()])
+    recordings = recordings_of_all([braking_lead()])
     lorry = measure_cases(recordings, impact=Impact(av_mass=1500.0, bv_mass=6000.0, restitution=0.1))
     assert lorry["av_delta_v_mps"] == pytest.approx([15.6 * 1.1 * 0.8])
     assert lorry["bv_delta_v_mps"] == pytest.approx([15.6 * 1.1 * 0.2])
@@ -308,23 +309,23 @@ def test_columns_are_documented_and_end_in_their_unit() -> None:
 
 
 def test_no_cases_no_values() -> None:
-    recordings = recordings_of_scenarios([braking_lead()])
+    recordings = recordings_of_all([braking_lead()])
     nothing = Recordings._make(values[:0] for values in recordings)
     assert {values.size for values in measure_cases(nothing).values()} == {0}
 
 
 def test_tracks_without_the_partner_are_refused() -> None:
     record = case_record(braking_lead())
-    cases, tracks, odd = record.cases, record.tracks, ODDS["default"]
+    cases, tracks = record.cases, record.tracks
 
     def changed(name: str, value: object) -> pa.Table:
         place = cases.schema.get_field_index(name)
         return cases.set_column(place, cases.schema.field(name), pa.array([value], cases.schema.field(name).type))
 
     with pytest.raises(InputError, match="Case 5:0: its crash partner is not among its vehicles"):
-        measure_cases(recordings_of_tracks(changed("bv_slot", 9), tracks, odd))
+        measure_cases(recordings_of_tracks(changed("bv_slot", 9), tracks))
     for time in (5.0, None):
         with pytest.raises(InputError, match="Case 5:0: its contact is not in the recording"):
-            measure_cases(recordings_of_tracks(changed("crash_time_s", time), tracks, odd))
+            measure_cases(recordings_of_tracks(changed("crash_time_s", time), tracks))
     with pytest.raises(InputError, match="2 cases and 1 trajectories are not of the same cases"):
-        recordings_of_tracks(pa.concat_tables([cases, cases]), tracks, odd)
+        recordings_of_tracks(pa.concat_tables([cases, cases]), tracks)

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from reference.avoid import Actions, Traffic, has_way_out
 from reference.crashes import ODD, Mover, crash, drive, random_crash, scenario_of
+from reference.recorded import recordings_of_all
 from reference.shapes import Box as ShapeBox
 from reference.world import Vehicle
 
@@ -23,7 +24,7 @@ from cornerforge.counterfactual.search import BRAKING, Manoeuvres
 from cornerforge.counterfactual.witness import drive_way_out
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.ndd.model import NddModel
-from cornerforge.recordings import Recordings, Trajectories, bodies_in, recordings_of_scenarios, unpack
+from cornerforge.recordings import BODY_FIELDS, Recordings, Trajectories, unpack
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import crashed_tests, simulate_chunks
@@ -39,6 +40,14 @@ PARAMS = AvoidParams(horizon_s=1.2, lookback_s=1.3)
 ACTIONS = Actions(PARAMS.accelerations_mps2, 5, PARAMS.lane_changes, EVASIVE, 12)
 MARGIN = 0.01
 """What a lateral state taken from differences of frames may be off [m]."""
+
+
+def cars(odd: Odd, n: int) -> np.ndarray:
+    """Bodies of n cars; their lane changes take as long as the ODD says."""
+    bodies = np.zeros(n, dtype=BODY_FIELDS)
+    bodies["length"], bodies["width"] = odd.vehicle_length, odd.vehicle_width
+    bodies["change_time"] = odd.lane_change_duration
+    return bodies
 
 
 def later_than(found: float | None, traffic: Traffic, since_s: float) -> range:
@@ -298,7 +307,7 @@ def test_a_plan_that_does_nothing_is_caught_at_the_recorded_contact() -> None:
     goes_on = Manoeuvres(np.zeros(1), 5, 0, 0, 8.0, 0, 0, road, road, 1)
     nothing, lane = np.zeros(8), np.ones(8, dtype=np.int64)
     track = np.zeros((41, 4))
-    test = Trajectories(frames, bodies_in(ODD, 2), 2)
+    test = Trajectories(frames, cars(ODD, 2), 2)
     assert drive_way_out(test, last - 20, nothing, lane, goes_on, allocate_rows(2), track) == last
     np.testing.assert_allclose(track[:20, 0], scenario.x[last - 20 : last, 0])
     brake = np.full(8, -8.0)
@@ -348,7 +357,7 @@ def cut_in(ahead: float, size: tuple[float, float]) -> Recordings:
         for vehicle in now:
             vehicle.move(SWIFT)
     scenario = replace(scenario_of(Traffic(ODD, rows, len(rows) - 1), partner=1), odd=SWIFT)
-    recordings = recordings_of_scenarios([scenario])
+    recordings = recordings_of_all([scenario])
     length, width = recordings.length.copy(), recordings.width.copy()
     length[1], width[1] = size
     return recordings._replace(length=length, width=width)
@@ -364,7 +373,7 @@ def by_braking(recordings: Recordings) -> tuple[bool, str, float]:
     assert found.begin.tolist() == [10]
     assert (found.touched < 0).all()
     n, last = int(recordings.vehicles[0]), int(recordings.last[0])
-    test = Trajectories(allocate_recording(last + 1, n), bodies_in(SWIFT, n), n)
+    test = Trajectories(allocate_recording(last + 1, n), cars(SWIFT, n), n)
     unpack(recordings, 0, test.frames, test.bodies)
     at_once = bool(is_avoidable(test, last, 1, road_numbers(SWIFT), Braking(0.0, 8.0)))
     return at_once, _labels(found, params)[0], 0.1 * (int(found.moment[0, BRAKING]) - 10)

@@ -53,7 +53,7 @@ def as_natural(library: Path, to: Path, tests: int) -> Path:
     identity = {**cases.identity, **experiment(WorldOptions(), bv="nde").identity(seed)}
     new = CaseLibrary.create(to, identity, cases.odd)
     for rows, tracks in cases.shards():
-        new.append_shard(encode_tables(rows, tracks, {}), next_test=tests, tests=tests, crashes=len(cases))
+        new.append_shard(encode_tables(rows, tracks), next_test=tests, tests=tests, crashes=len(cases))
     new.finish()
     shutil.copy(library / "model.npz", to / "model.npz")
     return to

@@ -19,6 +19,7 @@ from cornerforge.rates.branching.drive import DrivenTrees, drive_trees
 from cornerforge.rates.branching.foreign import ForeignTrees
 from cornerforge.rates.branching.population import TREE, Plan, Tilt
 from cornerforge.sim import OUTSIDE, STEERED, Script, ScriptDriver, Setting, n_slots, simulate
+from cornerforge.sim.world import VEHICLE
 from cornerforge.types import Odd
 
 pytestmark = [pytest.mark.full, pytest.mark.usefixtures("in_memory")]
@@ -98,6 +99,12 @@ class Weaves:
 """
 
 
+def script_of(test: int, actions: np.ndarray) -> Script:
+    """A branch of a test of seed 4: a foreign AV's recorder draws the start itself."""
+    n = actions.shape[1]
+    return Script(np.arange(n, dtype=np.int16), np.zeros(n, VEHICLE), actions, 4, test)
+
+
 @pytest.mark.slow
 def test_trees_of_an_av_that_steers_do_not_depend_on_the_batch(
     reckless: NddModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -116,7 +123,7 @@ def test_trees_of_an_av_that_steers_do_not_depend_on_the_batch(
     recorder = ForeignRecorder(av, run, ODD)
     for end, answers, actions in zip(many.crashes, many.answers, many.actions, strict=True):
         given = answers[np.isfinite(answers[:, 0])]
-        kept = recorder.record_branch(4, int(end["test"]), actions[: end["begun"]], given)
+        kept = recorder.record_branch(script_of(int(end["test"]), actions[: end["begun"]]), given)
         assert kept.crash is not None
         assert kept.crash.slot_a == 0
 
@@ -163,7 +170,8 @@ def test_a_branch_is_recorded_with_the_answers_that_led_to_its_crash(reckless: N
     for k in range(0, len(driven.crashes), max(1, len(driven.crashes) // 10)):
         end, answers = driven.crashes[k], driven.answers[k]
         actions = driven.actions[k, : end["begun"]]
-        kept = recorder.record_branch(4, int(end["test"]), actions, answers[np.isfinite(answers[:, 0])])
+        given = answers[np.isfinite(answers[:, 0])]
+        kept = recorder.record_branch(script_of(int(end["test"]), actions), given)
         start = scripts.start_of_test(4, int(end["test"]))
         slots = np.arange(start.size, dtype=np.int16)
         asked, _ = scripts.record(Script(slots, start, actions[:, : start.size], 4, int(end["test"])))

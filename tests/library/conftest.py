@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from reference.records import CaseRecord, append, case_record
 
-from cornerforge.library import CaseLibrary, CaseRecord, case_record
+from cornerforge.library import CaseLibrary
 from cornerforge.types import ODDS, Crash, Odd, Scenario
 
 IDENTITY: dict[str, str | int | float | bool | None] = {
@@ -74,7 +75,7 @@ def fill(library: CaseLibrary, shards: Sequence[Sequence[int]]) -> None:
     for tests in shards:
         crashes = library.crashes + len(tests)
         done = max(tests, default=library.next_test) + 2
-        library.append([record_of(test) for test in tests], next_test=done, tests=done, crashes=crashes)
+        append(library, [record_of(test) for test in tests], next_test=done, tests=done, crashes=crashes)
 
 
 @pytest.fixture

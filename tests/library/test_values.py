@@ -11,9 +11,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from edited_files import rewrite_shard
+from reference.records import append, case_record
 
 from cornerforge.errors import FileFormatError
-from cornerforge.library import CaseLibrary, case_record
+from cornerforge.library import CaseLibrary
 from cornerforge.types import ODDS, Scenario
 
 ROW = 1
@@ -129,7 +130,7 @@ def test_the_size_of_an_av_is_a_size(
     library = CaseLibrary.create(tmp_path / "lib", identity, ODDS["default"])
     for tests in ([1, 2], [3, 4]):
         cases = [case_record(make_scenario(test), extra={"av_length_m": 4.5}) for test in tests]
-        library.append(cases, next_test=tests[-1] + 1, tests=tests[-1] + 1, crashes=tests[-1])
+        append(library, cases, next_test=tests[-1] + 1, tests=tests[-1] + 1, crashes=tests[-1])
     rewrite(tmp_path / "lib", "cases", set_cell("av_length_m", value))
     with pytest.raises(FileFormatError, match=refused("cases", "0.1 to 100 m")):
         CaseLibrary.open(tmp_path / "lib").sizes()

@@ -53,7 +53,7 @@ def test_shares_by_reaction_time_are_those_of_analyses_with_it(library: Path, an
 def test_drivers_at_reaction_times(library: Path, analysed: Analysed) -> None:
     [(cases, tracks)] = CaseLibrary.open(library / "lib").shards()
     odd = CaseLibrary.open(library / "lib").odd
-    recordings = recordings_of_tracks(cases, tracks, odd)
+    recordings = recordings_of_tracks(cases, tracks)
     problems = problems_of(recordings, cases.column("bv_slot").to_pylist(), odd)
     own = prevention_of(recordings, problems, odd, AvoidParams()).prevented
     each = prevented_at(recordings, problems, odd, AvoidParams(), threads=2)

@@ -14,10 +14,11 @@ import pytest
 from edited_files import write_object
 from numpy.typing import NDArray
 from plain_results import plain_result
+from reference.records import append, case_record
 
 from cornerforge import analyse
 from cornerforge.geometry import Box, boxes_overlap
-from cornerforge.library import CaseLibrary, case_record
+from cornerforge.library import CaseLibrary
 from cornerforge.results import NaturalRate, Simulated, as_json
 from cornerforge.results.learning import Baseline
 from cornerforge.types import ACCELERATIONS, ACTION_LEFT, ACTION_RIGHT, FRAME_S, Crash, Odd, Scenario
@@ -130,7 +131,7 @@ def write_run(out: Path, tests: int) -> Path:
     scenarios = [crash_scenario(test, kinds[test % len(kinds)]) for test in range(tests)]
     library = CaseLibrary.create(out / "library", IDENTITY, ODD)
     records = [case_record(s, trajectory_digest=f"{s.test:08x}") for s in scenarios]
-    library.append(records, next_test=tests, tests=tests, crashes=tests)
+    append(library, records, next_test=tests, tests=tests, crashes=tests)
     result = as_json(analyse(library.path, out=out / "analysis"))
     write_object(out / "summary.json", _summary(tests, result))
     write_object(out / "training.json", _training())
@@ -149,7 +150,7 @@ def write_natural(out: Path) -> None:
         kind = ("side", "side", "cut-in", "rear")[test % 4]
         extra: dict[str, str | float] = {"weight": 1e-8, "mechanism": kinds[kind]}
         records.append(case_record(crash_scenario(test, kind), trajectory_digest=f"{test:08x}", extra=extra))
-    library.append(records, next_test=130, tests=130, crashes=30)
+    append(library, records, next_test=130, tests=130, crashes=30)
     file = out / "summary.json"
     summary = json.loads(file.read_text(encoding="utf-8"))
     summary["natural"] = as_json(

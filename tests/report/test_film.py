@@ -14,9 +14,9 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
+from cornerforge.analysis.avoidability import WayOut
 from cornerforge.errors import InputError, MissingExtraError, OutputError
 from cornerforge.ext.pictures.film import STANDS_S, check_film, film
-from cornerforge.report.judged import WayOut
 from cornerforge.types import Scenario
 
 MakeScenario = Callable[[int, str], Scenario]

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cornerforge.analysis.avoidability import WayOut
 from cornerforge.geometry import Box, boxes_overlap
-from cornerforge.report.judged import WayOut
-from cornerforge.report.moments import Moments, corners_of, overlap_of, partner_of
+from cornerforge.report.moments import Moments, corners_of, overlap_of
 from cornerforge.types import FRAME_S, Crash, Scenario
 
 MakeScenario = Callable[[int, str], Scenario]
@@ -43,8 +43,8 @@ def test_the_gap_is_from_bumper_to_bumper(make_scenario: MakeScenario) -> None:
 
 def test_without_a_crash_of_the_av_there_is_no_partner(make_scenario: MakeScenario) -> None:
     scenario = make_scenario(0, "side")
-    assert partner_of(replace(scenario, crash=None)) is None
-    assert partner_of(replace(scenario, crash=Crash(1.0, 1, 2))) is None
+    assert replace(scenario, crash=None).partner is None
+    assert replace(scenario, crash=Crash(1.0, 1, 2)).partner is None
     moments = Moments(replace(scenario, crash=None))
     assert (moments.contact, moments.end) == (None, moments.last)
 

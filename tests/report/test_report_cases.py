@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cornerforge.analysis.avoidability import WayOut
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.metrics.risk import contact_time, lane_ttc, plane_ttc
 from cornerforge.report import cases
 from cornerforge.report.cases import case_data
-from cornerforge.report.judged import WayOut
 from cornerforge.types import Scenario
 
 MakeScenario = Callable[[int, str], Scenario]

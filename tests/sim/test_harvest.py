@@ -11,19 +11,21 @@ import pyarrow as pa
 import pytest
 from hand_built import setting_of
 from reference.case_record import case_columns
+from reference.records import case_record
 
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
 from cornerforge.errors import InputError
 from cornerforge.fields import POSE, REALS, SERIES, SHORTFALL
-from cornerforge.library import CaseLibrary, case_record
-from cornerforge.library.harvester import CaseRoom, Harvested, Harvester, extra_columns
+from cornerforge.library import CaseLibrary
+from cornerforge.library.harvester import CaseRoom, Harvested, Harvester
 from cornerforge.library.shards import encode_tables
 from cornerforge.library.tables import POLICY_COLUMNS
 from cornerforge.ndd.model import NddModel
-from cornerforge.sim.harvest import CRASHED, DRIVEN
+from cornerforge.sim.harvest import CRASHED, DRIVEN, allocate_harvest
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import drive_chunk
+from cornerforge.sim.scripted import ScriptDriver
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.world import n_slots
 from cornerforge.types import ODDS, Odd, Scenario
@@ -92,13 +94,54 @@ def test_columns_are_those_of_the_slow_way(kind: str, odd: str, reckless: NddMod
     # one by one, from the recorder's buffers and from its scenarios: the very same columns
     room = CaseRoom(n_slots(road), setting.road.max_decisions)
     for test in harvested.tests.tolist():
-        recorder.keep(3, test, room.room())
+        recorder.drive(3, test)
+        recorder.keep(room.room())
     records = [case_record(scenario) for scenario in scenarios]
     slowly = pa.concat_tables([r.cases for r in records]), pa.concat_tables([r.tracks for r in records])
     for cases, tracks in (room.take(), slowly):
         assert repr(cases.to_pylist()) == repr(harvested.cases.to_pylist())
         assert repr(tracks.to_pylist()) == repr(harvested.tracks.to_pylist())
         assert cases.schema.equals(harvested.cases.schema, check_metadata=True)
+
+
+def test_own_columns_and_scripts_stay_with_their_cases(reckless: NddModel) -> None:
+    """More cases than the buffers hold; each keeps its values and its start, and all its vehicles are stored."""
+    road = Odd()
+    setting = run_of(reckless, "swerve", road)
+    tests = Harvester(setting, n_slots(road)).harvest(3, 0, 60).tests.tolist()
+    recorder, scripts = Recorder(setting, road), ScriptDriver(setting, road)
+    room = CaseRoom(n_slots(road), 60)
+    room._harvest = allocate_harvest(3, n_slots(road), 60)
+    starts, scenarios = [], []
+    for test in tests:
+        starts.append(scripts.start_of_test(3, test))
+        scenarios.append(recorder.record(3, test))
+        room.add(recorder, {"weight": 0.5 * test, "name": str(test)}, start=starts[-1])
+    cases, tracks = room.tables()
+    assert len(room) == len(tests) > 6
+    assert cases["name"].to_pylist() == [str(test) for test in tests]
+    assert cases["weight"].to_pylist() == [0.5 * test for test in tests]
+    expected = [case_columns(scenario, start) for scenario, start in zip(scenarios, starts, strict=True)]
+    same(tracks, [row for _, row in expected])
+    same(cases.drop_columns(["weight", "name"]), [row for row, _ in expected])
+    room.add(recorder, {"weight": 1, "name": ""}, start=starts[-1])
+    with pytest.raises(InputError, match=rf"Case 3:{tests[-1]} has the extra columns .*'weight': 1"):
+        room.tables()
+    with pytest.raises(InputError, match="Extra column"):
+        room.add(recorder, {"two words": 1})
+    room.clear()
+    assert [len(table) for table in room.take()] == [0, 0]
+
+
+def test_only_crashes_of_the_av_are_kept(reckless: NddModel) -> None:
+    road = Odd()
+    setting = run_of(reckless, "swerve", road)
+    recorder, room = Recorder(setting, road), CaseRoom(n_slots(road), 60)
+    out, _ = drive_chunk(setting, n_slots(road), 3, 10, 200, False)
+    recorder.drive(3, test := 10 + int(np.flatnonzero(out.code != 2)[0]))
+    with pytest.raises(InputError, match=f"Test 3:{test} holds no crash of the AV"):
+        room.add(recorder)
+    assert len(room) == 0
 
 
 def test_vehicles_that_go_are_absent_in_the_columns_too(reckless: NddModel) -> None:
@@ -166,11 +209,10 @@ def test_packed_shards_must_continue_the_library(reckless: NddModel, tmp_path: P
     road = Odd()
     harvested = Harvester(run_of(reckless, "swerve", road), n_slots(road)).harvest(7, 100, 40)
     assert harvested.tests.size > 4
-    extra = extra_columns(with_policy=False)
     library = CaseLibrary.create(tmp_path / "library", {"seed": 7}, road)
-    whole = encode_tables(harvested.cases, harvested.tracks, extra)
+    whole = encode_tables(harvested.cases, harvested.tracks)
     back = np.arange(harvested.tests.size)[::-1]
-    turned = encode_tables(harvested.cases.take(back), harvested.tracks.take(back), extra)
+    turned = encode_tables(harvested.cases.take(back), harvested.tracks.take(back))
     for shard, next_test in ((whole, 110), (turned, 140)):
         with pytest.raises(InputError, match="do not continue"):
             library.append_shard(shard, next_test=next_test, tests=next_test, crashes=50)
@@ -178,7 +220,7 @@ def test_packed_shards_must_continue_the_library(reckless: NddModel, tmp_path: P
     with pytest.raises(InputError, match="do not continue"):
         library.append_shard(whole, next_test=150, tests=150, crashes=60)
     marked = harvested.cases.append_column("mark", pa.array(np.zeros(len(harvested.cases))))
-    other = encode_tables(marked, harvested.tracks, {"mark": "float"})
+    other = encode_tables(marked, harvested.tracks)
     later = replace(other, first_test=140, last_test=145)
     with pytest.raises(InputError, match="extra columns"):
         library.append_shard(later, next_test=150, tests=150, crashes=60)

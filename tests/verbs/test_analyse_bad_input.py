@@ -11,10 +11,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from reference.records import CaseRecord, append, case_record
 
 from cornerforge import cli
 from cornerforge._arrow import arrow_type
-from cornerforge.library import CaseLibrary, CaseRecord, case_record
+from cornerforge.library import CaseLibrary
 from cornerforge.types import Scenario
 
 Capture = pytest.CaptureFixture[str]
@@ -38,7 +39,7 @@ def library_of(path: Path, stored: Sequence[Scenario], n: int, change: Change = 
         changed = pa.array([change(history.copy(), test).ravel()], arrow_type("float32[128]"))
         place = record.cases.schema.get_field_index("history")
         records.append(replace(record, cases=record.cases.set_column(place, record.cases.field(place), changed)))
-    library.append(records, next_test=n, tests=n, crashes=n)
+    append(library, records, next_test=n, tests=n, crashes=n)
     return path
 
 
@@ -161,7 +162,7 @@ def test_a_shard_of_another_schema_is_named_and_not_mixed_in(
     path = library_of(tmp_path / "l", crashes, 20)
     library = CaseLibrary.resume(path, {"seed": 0}, crashes[0].odd)
     more = [record_of(one, 20 + k) for k, one in enumerate(crashes)]
-    library.append(more, next_test=40, tests=40, crashes=40)
+    append(library, more, next_test=40, tests=40, crashes=40)
     other = library_of(tmp_path / "other", crashes, 3)
     first, second = sorted(path.glob("*cases*.parquet")), sorted(other.glob("*cases*.parquet"))
     table = pq.read_table(second[0])

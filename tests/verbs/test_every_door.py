@@ -80,7 +80,7 @@ def test_a_library_of_an_early_version_is_refused_with_what_to_do(swerve_library
     source = CaseLibrary.open(swerve_library)
     made = CaseLibrary.create(tmp_path / "old", source.identity, source.odd)
     ((cases, tracks),) = source.shards()
-    shard = encode_tables(cases.drop_columns([field.name for field in SHORTFALL]), tracks, {})
+    shard = encode_tables(cases.drop_columns([field.name for field in SHORTFALL]), tracks)
     made.append_shard(shard, next_test=source.next_test, tests=source.tests, crashes=source.crashes)
     with pytest.raises(
         FileFormatError, match=r"of another version: it lacks .* cornerforge migrate OLD --out NEW"

@@ -19,6 +19,7 @@ import pyarrow as pa
 import pytest
 from edited_files import write_object
 from folder_snapshot import snapshot
+from reference.records import append, case_record
 
 import cornerforge
 from cornerforge._checksums import with_checksum
@@ -27,7 +28,7 @@ from cornerforge.drivers.policy import n_weights
 from cornerforge.errors import CornerForgeError, FileFormatError, InputError, OutputError, UnknownNameError
 from cornerforge.experiment.policy_file import Policy, load_policy, policy_hash, save_policy
 from cornerforge.experiment.setting import experiment
-from cornerforge.library import CaseLibrary, case_record
+from cornerforge.library import CaseLibrary
 from cornerforge.ndd.model import model_hash
 from cornerforge.results import Queried, Replayed, as_json
 from cornerforge.sim.recorder import Recorder
@@ -380,7 +381,7 @@ def test_negative_control_a_case_that_did_not_happen_is_found(tmp_path: Path) ->
     (tmp_path / "library" / "model.npz").write_bytes((tmp_path / "model" / "model.npz").read_bytes())
     test = CaseLibrary.open(tmp_path / "model").scalars(["test"])["test"].to_pylist()[0]
     scenario = Recorder(run.setting, run.odd).record(5, test)
-    library.append([case_record(scenario, trajectory_digest="0" * 64)], next_test=test + 1, tests=test + 1, crashes=1)
+    append(library, [case_record(scenario, trajectory_digest="0" * 64)], next_test=test + 1, tests=test + 1, crashes=1)
     found = cornerforge.replay(tmp_path / "library", "all", check=True)
     assert (found.identical, found.differ) == (False, (f"5:{test}",))
     assert found.note is not None  # the identity says nothing of the code, so it may have been another

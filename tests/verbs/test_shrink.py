@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reference.records import append, case_record
 
 import cornerforge
 from cornerforge.analysis.crash_types import STRIKERS, classify_crashes
@@ -20,7 +21,7 @@ from cornerforge.drivers.avs import av_named
 from cornerforge.drivers.mobil import MobilParams
 from cornerforge.errors import CornerForgeError, InputError, OutputError, ReplayError, UnknownNameError
 from cornerforge.experiment.setting import experiment
-from cornerforge.library import CaseLibrary, case_record
+from cornerforge.library import CaseLibrary
 from cornerforge.library.filling import MODEL_FILE
 from cornerforge.results import ShrunkLibrary
 from cornerforge.sim.recorder import scenario_digest
@@ -231,8 +232,8 @@ def test_scripted_cases_and_tests_are_kept_apart(shrunk: tuple[Path, Any], tmp_p
     for library, start in ((plain, stored.script.start), (scripted, None)):
         record = case_record(stored.scenario, trajectory_digest=digest, start=start)
         with pytest.raises(InputError, match="keep the two apart"):
-            library.append([record], next_test=test + 1, tests=1, crashes=1)
-    scripted.append(
+            append(library, [record], next_test=test + 1, tests=1, crashes=1)
+    append(scripted,
         [case_record(stored.scenario, trajectory_digest=digest, start=stored.script.start)],
         next_test=test + 1, tests=1, crashes=1,
     )  # fmt: skip
@@ -308,7 +309,7 @@ def test_a_case_that_drives_otherwise_is_named_before_anything_is_written(swerve
     (tmp_path / "library" / MODEL_FILE).write_bytes((swerve_library / MODEL_FILE).read_bytes())
     test = int(ids_of(swerve_library)[0].partition(":")[2])
     scenario = experiment_of(source).recorder().record(int(str(source.identity["seed"])), test)
-    library.append([case_record(scenario, trajectory_digest="0" * 64)], next_test=test + 1, tests=test + 1, crashes=1)
+    append(library, [case_record(scenario, trajectory_digest="0" * 64)], next_test=test + 1, tests=test + 1, crashes=1)
     with pytest.raises(ReplayError, match="is not what is stored"):
         cornerforge.shrink(tmp_path / "library", "all", out=tmp_path / "shrunk")
     assert not (tmp_path / "shrunk").exists()

@@ -115,7 +115,8 @@ def judge_by_case(run: Experiment, seed: int, crashed: Sequence[int], reward: st
         with rooms.lend() as (recorder, harvest):
             harvest.clear()
             for test in crashed[first : first + count]:
-                recorder.keep(seed, test, harvest)
+                recorder.drive(seed, test)
+                recorder.keep(harvest)
                 if is_full(harvest, *longest):
                     parts.append(judge(harvest.recordings()))
                     harvest.clear()

@@ -30,7 +30,7 @@ from cornerforge.counterfactual import (
 )
 from cornerforge.errors import InputError
 from cornerforge.fields import BEFORE_CONTACT, REALS, Field
-from cornerforge.recordings import Recordings, recordings_of_scenarios, recordings_of_tracks
+from cornerforge.recordings import Recordings, recordings_of, recordings_of_tracks
 from cornerforge.road.straight import road_numbers
 from cornerforge.types import FRAME_S, Odd, Scenario
 from cornerforge.work import Rooms, in_order
@@ -42,6 +42,7 @@ __all__ = [
     "OTHERS",
     "AvoidParams",
     "Avoidability",
+    "WayOut",
     "Witness",
     "avoidability",
     "avoidability_of_library",
@@ -111,15 +112,12 @@ class AvoidParams:
 
 
 @dataclass(frozen=True)
-class Witness:
-    """A way out (glossary) that was driven and touches no vehicle.
+class WayOut:
+    """The AV on another way than the recorded one.
 
     Attributes:
-        begin_s: Its first decision, before the contact [s].
-        x, y, speed, heading: The AV every 0.1 s from then on to the end of the horizon, as in `Scenario`, shape (W,).
-        acceleration: Held from each decision on [m/s2], shape (D,).
-        lane: Target lane from each decision on, int64, shape (D,); of an AV that steers the lane of the place to which
-            it moves.
+        begin_s: Its begin, before the contact [s].
+        x, y, speed, heading: The AV every 0.1 s from then on, as in `Scenario`, shape (W,).
     """
 
     begin_s: float = field(metadata={"unit": "s"})
@@ -127,6 +125,18 @@ class Witness:
     y: NDArray[np.float64] = field(metadata={"unit": "m"})
     speed: NDArray[np.float64] = field(metadata={"unit": "m/s"})
     heading: NDArray[np.float64] = field(metadata={"unit": "rad"})
+
+
+@dataclass(frozen=True)
+class Witness(WayOut):
+    """A way out (glossary) that was driven and touches no vehicle, from its first decision to the end of the horizon.
+
+    Attributes:
+        acceleration: Held from each decision on [m/s2], shape (D,).
+        lane: Target lane from each decision on, int64, shape (D,); of an AV that steers the lane of the place to which
+            it moves.
+    """
+
     acceleration: NDArray[np.float64] = field(metadata={"unit": "m/s2"})
     lane: NDArray[np.int64]
 
@@ -203,7 +213,7 @@ def avoidability(scenario: Scenario, params: AvoidParams | None = None) -> Avoid
             or a value of a present vehicle is not finite.
     """
     params = params or AvoidParams()
-    recordings = recordings_of_scenarios([scenario])
+    recordings = recordings_of(scenario)
     (name,) = recordings.case_ids
     problem = problem_of(recordings, -1, scenario.odd)
     if problem is not None:
@@ -233,7 +243,7 @@ def avoidability_table(
     """
     check_integer("threads", threads, low=1, high=1024)
     params = params or AvoidParams()
-    recordings = recordings_of_tracks(cases, tracks, odd)
+    recordings = recordings_of_tracks(cases, tracks)
     if not recordings.n_cases:
         return AVOIDABILITY_SCHEMA.empty_table()
     problems = problems_of(recordings, cases.column("bv_slot").to_pylist(), odd)

@@ -100,7 +100,7 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
         A part for each shard, in order.
     """
     for cases, tracks in shards:
-        recordings = recordings_of_tracks(cases, tracks, reading.odd)
+        recordings = recordings_of_tracks(cases, tracks)
         columns: dict[str, Any] = dict(measure_cases(recordings)) | assign_fault(recordings).columns()
         problems = problems_of(recordings, cases.column("bv_slot").to_pylist(), reading.odd)
         prevention = prevention_of(recordings, problems, reading.odd, reading.params, threads=reading.threads)
@@ -110,7 +110,7 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
         witnesses = avoidability_table(seen, moved, reading.odd, reading.params, threads=reading.threads)
         given = [problem for problem, chosen in zip(problems, wanted.to_pylist(), strict=True) if chosen]
         reacting = prevented_at(
-            recordings_of_tracks(seen, moved, reading.odd), given, reading.odd, reading.params, threads=reading.threads
+            recordings_of_tracks(seen, moved), given, reading.odd, reading.params, threads=reading.threads
         )
         ids = cases.column("case_id")
         place = pc.index_in(ids, value_set=witnesses.column("case_id").combine_chunks())

@@ -6,12 +6,10 @@ import numpy as np
 
 from cornerforge.analysis.mechanism import (
     MECHANISMS,
-    crash_frame,
     entering_change,
     lane_changes_before,
     mechanism_of,
 )
-from cornerforge.recordings import bodies_of
 from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S, Scenario
 
@@ -27,7 +25,7 @@ def what_happened(scenario: Scenario) -> str:
     Raises:
         InputError: There is no crash of the AV, or the recording does not hold its contact.
     """
-    frame, partner = crash_frame(scenario)
+    frame, partner = scenario.contact()
     name = mechanism_of(scenario).name
     mover = {"bv-side": partner, "av-rear-bv-cut-in": partner, "bv-rear-bv-change": partner}.get(name)
     if mover is None and name in ("av-side", "bv-rear-av-cut-in", "av-rear-av-change"):
@@ -47,8 +45,7 @@ def _lane_change(scenario: Scenario, frame: int, mover: int, other: int) -> str:
     assert change is not None  # or the mechanism were another
     start = change.start
     ahead = float(along(scenario.x[start, other], scenario.x[start, mover]))
-    length = bodies_of(scenario)["length"]
-    gap = abs(ahead) - 0.5 * (length[mover] + length[other])
+    gap = abs(ahead) - 0.5 * (scenario.length[mover] + scenario.length[other])
     who, whom = ("AV", "BV") if mover == 0 else ("BV", "AV")
     side = "right" if change.side > 0 else "left"
     if gap < 0.0:

@@ -19,17 +19,14 @@ moved under 3 or 4: the one that began later. Hard braking: -3 m/s2 or less with
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.analysis.contact import FRONT, REAR, find_contact
-from cornerforge.analysis.crash_types import CrashTypes, classify_crashes
-from cornerforge.errors import InputError
+from cornerforge.analysis.crash_types import STRIKERS, classify_crashes
 from cornerforge.fields import POSE
-from cornerforge.recordings import bodies_of
 from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S, Scenario
 
@@ -39,8 +36,7 @@ __all__ = [
     "LaneChange",
     "Mechanism",
     "contact_pose",
-    "crash_frame",
-    "crash_types_of",
+    "crash_type_of",
     "entering_change",
     "lane_changes_before",
     "mechanism_of",
@@ -108,52 +104,31 @@ class LaneChange:
     side: int
 
 
-def crash_frame(scenario: Scenario) -> tuple[int, int]:
-    """Frame of the contact and column of the AV's partner.
-
-    Raises:
-        InputError: There is no crash of the AV, or the recording does not hold its contact.
-    """
-    crash = scenario.crash
-    name = f"{scenario.seed}:{scenario.test}"
-    if crash is None or crash.slot_a != 0:
-        raise InputError(f"Test {name} holds no crash of the AV; mechanisms are of AV crashes only.")
-    frame = round(crash.time / FRAME_S)
-    found = np.flatnonzero(scenario.slot == crash.slot_b)
-    if found.size != 1 or not 0 <= frame < len(scenario.x) or not scenario.present[frame, [0, found[0]]].all():
-        raise InputError(
-            f"Test {name}: the contact with slot {crash.slot_b} at {crash.time} s is not in the recording of "
-            f"{len(scenario.x)} frames."
-        )
-    return frame, int(found[0])
-
-
 def contact_pose(scenario: Scenario) -> NDArray[np.float64]:
     """[x m, y m, speed m/s, heading rad] of the AV (0) and its partner (1) at contact, shape (2, 4).
 
     Raises:
         InputError: There is no crash of the AV, or the recording does not hold its contact.
     """
-    frame, partner = crash_frame(scenario)
+    frame, partner = scenario.contact()
     pair = [0, partner]
     return np.stack([getattr(scenario, name)[frame, pair] for name in POSE], axis=-1).astype(np.float64)
 
 
-def crash_types_of(scenarios: Sequence[Scenario]) -> CrashTypes:
-    """Type and striker of the AV's crash in each of S scenarios, at least one.
+def crash_type_of(scenario: Scenario) -> tuple[str, str]:
+    """Name the type of the AV's crash, and its striker, one of `crash_types.STRIKERS`.
 
     Raises:
-        InputError: There is no crash of the AV, or a recording does not hold its contact.
+        InputError: There is no crash of the AV, or the recording does not hold its contact.
     """
-    pose = np.stack([contact_pose(scenario) for scenario in scenarios])
-    pairs = np.stack([_pair_of(scenario) for scenario in scenarios])
-    return classify_crashes(pose, pairs["length"], pairs["width"])
+    types = classify_crashes(contact_pose(scenario)[None], *_sizes(scenario))
+    return types.names[0], STRIKERS[int(types.striker[0])]
 
 
-def _pair_of(scenario: Scenario) -> NDArray[np.void]:
-    """Class and size of the AV and its partner, shape (2,) of `recordings.BODY_FIELDS`."""
-    _, partner = crash_frame(scenario)
-    return bodies_of(scenario)[[0, partner]]
+def _sizes(scenario: Scenario) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lengths and widths of the AV and its partner [m], (1, 2) each."""
+    pair = [0, scenario.contact()[1]]
+    return scenario.length[None, pair], scenario.width[None, pair]
 
 
 def mechanism_of(scenario: Scenario) -> Mechanism:
@@ -169,7 +144,7 @@ def mechanism_of(scenario: Scenario) -> Mechanism:
     Raises:
         InputError: There is no crash of the AV, or the recording does not hold its contact.
     """
-    frame, partner = crash_frame(scenario)
+    frame, partner = scenario.contact()
     av_changes, bv_changes = lane_changes_before(scenario, frame, 0), lane_changes_before(scenario, frame, partner)
     av, bv = next(iter(av_changes), None), next(iter(bv_changes), None)
     contact = _contact_kind(scenario)
@@ -187,8 +162,7 @@ def mechanism_of(scenario: Scenario) -> Mechanism:
 
 
 def _contact_kind(scenario: Scenario) -> str:
-    pair = _pair_of(scenario)[None]
-    faces = find_contact(contact_pose(scenario)[None], pair["length"], pair["width"])
+    faces = find_contact(contact_pose(scenario)[None], *_sizes(scenario))
     av, bv = int(faces.av_sector[0]), int(faces.bv_sector[0])
     if (av, bv) == (FRONT, REAR):
         return "rear-end by AV"
@@ -238,8 +212,8 @@ def _came_from_outside(scenario: Scenario, change: LaneChange, mover: int, other
     """Did the mover, when its lane change began, stand clear of the other laterally and turn towards it?"""
     start = change.start
     towards = (scenario.y[start, other] - scenario.y[start, mover]) * change.side
-    width = bodies_of(scenario)["width"]
-    return bool(scenario.present[start, other] and towards >= 0.5 * (width[mover] + width[other]))
+    clear = 0.5 * (scenario.width[mover] + scenario.width[other])
+    return bool(scenario.present[start, other] and towards >= clear)
 
 
 def _of_contact(
@@ -267,13 +241,12 @@ def _braked(scenario: Scenario, frame: int, column: int) -> bool:
 
 def _follows_bv_crash(scenario: Scenario, frame: int) -> bool:
     """Did two BVs that touched vanish (so the simulator clears a BV-BV crash) within 5 s before and 100 m of the AV?"""
-    bodies = bodies_of(scenario)
     first = max(1, frame - round(_FOLLOW_UP_S * _FRAMES_PER_SECOND))
     closed = scenario.odd.max_speed * FRAME_S  # what closing at full speed adds within the last frame
     for t in range(first, frame + 1):
         gone = np.flatnonzero(scenario.present[t - 1, 1:] & ~scenario.present[t, 1:]) + 1
         x, y = scenario.x[t - 1, gone], scenario.y[t - 1, gone]
-        length, width = bodies["length"][gone], bodies["width"][gone]
+        length, width = scenario.length[gone], scenario.width[gone]
         reach, beside = 0.5 * (length[:, None] + length) + closed, 0.5 * (width[:, None] + width) + 1.0
         touched = (np.abs(along(x[:, None], x)) < reach) & (np.abs(y[:, None] - y) < beside)
         np.fill_diagonal(touched, val=False)

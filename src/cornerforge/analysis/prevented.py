@@ -23,7 +23,7 @@ from cornerforge.counterfactual import (
 from cornerforge.drivers.careful import CAREFUL, HOLDS
 from cornerforge.errors import InputError
 from cornerforge.fields import Field
-from cornerforge.recordings import Recordings, recordings_of_scenarios
+from cornerforge.recordings import Recordings, recordings_of
 from cornerforge.types import FRAME_S, Odd, Scenario
 from cornerforge.work import Rooms, in_order
 
@@ -219,7 +219,7 @@ def prevented_by(scenario: Scenario, params: AvoidParams | None = None) -> dict[
 
 def driven_by(scenario: Scenario, params: AvoidParams | None = None) -> dict[str, Driven]:
     """Let each reference driver drive as `prevented_by` does, and keep how it moves; arguments and errors as there."""
-    recordings = recordings_of_scenarios([scenario])
+    recordings = recordings_of(scenario)
     problem = problem_of(recordings, -1, scenario.odd)
     if problem is not None:
         raise InputError(f"Test {recordings.case_ids[0]}: {problem}.")

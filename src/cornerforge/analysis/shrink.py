@@ -54,7 +54,6 @@ class Shrunk:
 
     Attributes:
         script: The smallest form, every action named.
-        scenario: Its recording; times count from its own start.
         crash_type: Name of its type, equal to the case's.
         striker: The striker, as in the case.
         cause: One of CAUSES.
@@ -63,7 +62,6 @@ class Shrunk:
     """
 
     script: Script
-    scenario: Scenario
     crash_type: str
     striker: str
     cause: str
@@ -155,7 +153,7 @@ def shrink(driver: ScriptDriver, script: Script) -> Shrunk:
     Where the others are on rails only vehicles and the start can change.
 
     Args:
-        driver: Drives scripts.
+        driver: Drives scripts; what it recorded last is then the smallest form.
         script: The case; it ends in a crash of the AV.
 
     Raises:
@@ -187,7 +185,6 @@ def shrink(driver: ScriptDriver, script: Script) -> Shrunk:
     _, code, striker = case.kind
     return Shrunk(
         script=replace(small, action=scenario.action),
-        scenario=scenario,
         crash_type=CRASH_TYPES[code],
         striker=STRIKERS[striker],
         cause=case.cause,

@@ -13,9 +13,8 @@ import numpy as np
 from cornerforge._checks import check_number
 from cornerforge._elementary import atan
 from cornerforge._jit import kernel
-from cornerforge.errors import InputError
 from cornerforge.geometry import Box, boxes_overlap, path_at, plan_path
-from cornerforge.recordings import BODY_FIELDS, Trajectories, box_in, recordings_of_scenarios, unpack
+from cornerforge.recordings import BODY_FIELDS, Trajectories, box_in, recordings_of, unpack
 from cornerforge.road.straight import lane_centre, road_numbers
 from cornerforge.sim import allocate_recording, go_on
 from cornerforge.types import FRAME_S
@@ -236,13 +235,11 @@ def avoidable_by_braking(scenario: Scenario, *, delay_s: float = 1.0, decelerati
     """
     check_number("delay_s", delay_s, low=0.0, high=10.0, unit="s")
     check_number("deceleration_mps2", deceleration_mps2, low=0.1, high=20.0, unit="m/s2")
-    recordings = recordings_of_scenarios([scenario])
+    recordings = recordings_of(scenario)
     last, partner = int(recordings.last[0]), int(recordings.partner[0])
     test = Trajectories(
         allocate_recording(*scenario.x.shape), np.zeros(scenario.slot.size, dtype=BODY_FIELDS), scenario.slot.size
     )
     unpack(recordings, 0, test.frames, test.bodies)
-    if not test.frames["present"][last, [0, partner]].all():
-        raise InputError(f"Test {recordings.case_ids[0]}: the AV or its crash partner is absent at the contact.")
     braking = Braking(float(delay_s), float(deceleration_mps2))
     return bool(is_avoidable(test, last, partner, road_numbers(scenario.odd), braking))

@@ -6,7 +6,6 @@ import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cornerforge._checks import check_integer
 from cornerforge._words import spoken as spoken_time
@@ -30,13 +29,6 @@ from cornerforge.sim import (
 )
 from cornerforge.types import Odd
 from cornerforge.work import default_threads
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from cornerforge.sim import Script
-    from cornerforge.types import Scenario
 
 __all__ = ["Experiment", "check_threads", "with_outside_av"]
 
@@ -162,10 +154,9 @@ class Experiment:
         """Return the driver of scripts, with the run's AV; it serves one thread."""
         return ScriptDriver(self.setting, self.odd, self.asked)
 
-    def branch_recorder(self) -> Callable[[Script, NDArray[np.float64]], Scenario]:
-        """Return what records a branch of a tree by its script and a foreign AV's answers (A, W), in one thread."""
-        driver = self.script_driver()
-        return lambda script, answers: driver.record(script)[0]  # noqa: ARG005
+    def branch_recorder(self) -> ScriptDriver | ForeignRecorder:
+        """Return the recorder of branches of trees (`record_branch`); it serves one thread."""
+        return self.script_driver()
 
     def stepper(self) -> ScriptedSeconds | None:
         """Return what drives a test of a foreign AV second by second, for `rates.attention`; None for all others."""
@@ -289,9 +280,8 @@ class _OutsideExperiment(Experiment):
     def recorder(self) -> ForeignRecorder:
         return ForeignRecorder(self.outside, self.setting, self.odd)
 
-    def branch_recorder(self) -> Callable[[Script, NDArray[np.float64]], Scenario]:
-        record = self.recorder().record_branch
-        return lambda script, answers: record(script.seed, script.test, script.action, answers)
+    def branch_recorder(self) -> ForeignRecorder:
+        return self.recorder()
 
     def stepper(self) -> ScriptedSeconds:
         return ScriptedSeconds(self.outside, self.slots)

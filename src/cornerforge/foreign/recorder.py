@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.foreign.driver import ForeignAv
-    from cornerforge.sim import Setting
+    from cornerforge.sim import Script, Setting
     from cornerforge.types import Odd, Scenario
 
 __all__ = ["ForeignRecorder", "ScriptedSeconds"]
@@ -42,20 +42,20 @@ class ForeignRecorder(Recorder):
         lockstep.drive_answered(self._world, seed, test, answers, self._av.steering(setting), self._scratch, self._keep)
         warn_of_left_out(self._scratch)
 
-    def record_branch(self, seed: int, test: int, actions: NDArray[np.int8], answers: NDArray[np.float64]) -> Scenario:
+    def record_branch(self, script: Script, answers: NDArray[np.float64]) -> Scenario:
         """Record a branch of a test's tree: the test from its start on, with other actions of its BVs.
 
         Args:
-            seed, test: Names of the test.
-            actions: Of all vehicles at each decision, int8 (K, N); after them BVs do what is likeliest.
+            script: Its name, and the actions of all vehicles; after them BVs do what is likeliest.
             answers: Of the AV, (A, W).
         """
-        script = np.full((int(self._setting.road.max_decisions), actions.shape[1]), NATURAL, dtype=np.int8)
-        script[: len(actions)] = actions
-        setting = self._setting.with_drivers(others=SCRIPTED, script=script)
-        self._keep.recording["present"] = 0
-        self._answer(seed, test, setting, answers)
-        return self._scenario(seed, test)
+        actions = np.full((int(self._setting.road.max_decisions), script.slot.size), NATURAL, dtype=np.int8)
+        actions[: len(script.action)] = script.action
+        self._forget()
+        setting = self._setting.with_drivers(others=SCRIPTED, script=actions)
+        self._answer(script.seed, script.test, setting, answers)
+        self._driven(script.seed, script.test)
+        return self.scenario()
 
 
 class ScriptedSeconds:

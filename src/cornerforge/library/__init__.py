@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from cornerforge.library.record import CaseRecord, case_record
 from cornerforge.library.shards import DamagedShardWarning
 from cornerforge.library.store import CaseLibrary, StoredCase
 
-__all__ = ["CaseLibrary", "CaseRecord", "DamagedShardWarning", "StoredCase", "case_record"]
+__all__ = ["CaseLibrary", "DamagedShardWarning", "StoredCase"]

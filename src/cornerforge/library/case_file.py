@@ -33,7 +33,7 @@ from cornerforge.library.case_content import (
     StartContent,
     VehicleContent,
 )
-from cornerforge.library.out_case import Fact, MovingCase, plain_facts, plain_text, script_of
+from cornerforge.library.out_case import Fact, MovingCase, plain_facts, plain_text, recorded_script
 from cornerforge.sim import NATURAL, START_FIELDS, SUBSTEPS, Script, n_slots, scripted_start
 from cornerforge.types import CLASSES, FRAME_S, Odd
 
@@ -145,9 +145,7 @@ def of_moving(case: MovingCase, *, set_speed: float | None = None, licence: str 
     Raises:
         InputError: The AV is not there in the first frame.
     """
-    script = script_of(case, set_speed=set_speed)
-    if script.poses is not None:
-        script.poses[len(case.poses) :, 0] = np.nan
+    script = recorded_script(case, set_speed=set_speed)
     av = "recorded" if case.av_is_recorded else None
     notes = tuple(plain_text(note, _LONGEST_NOTE) for note in case.notes[:_MOST_NOTES])
     return CaseFile(

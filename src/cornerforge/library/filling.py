@@ -23,7 +23,7 @@ from cornerforge.experiment.setting import AV_LOG
 from cornerforge.foreign.session import answers_per_test
 from cornerforge.intervals import binomial_interval
 from cornerforge.library import CaseLibrary
-from cornerforge.library.harvester import CaseRoom, Harvested, Harvester, extra_columns, harvested_of
+from cornerforge.library.harvester import CaseRoom, Harvested, Harvester, harvested_of
 from cornerforge.library.shards import EncodedShard, encode_tables
 from cornerforge.ndd.model import save_model
 from cornerforge.results import Filled, Simulated
@@ -98,7 +98,8 @@ class _RecordingHarvester:
     def harvest(self, seed: int, first: int, count: int, *, counting: bool = False) -> Harvested:
         outcomes, counts = self._run.drive(self._run.setting, self._run.slots, seed, first, count, counting)
         for test in crashed_tests(first, outcomes):
-            self._recorder.keep(seed, test, self._cases.room())
+            self._recorder.drive(seed, test)
+            self._cases.add(self._recorder)
         return harvested_of(first, outcomes, counts, self._cases)
 
 
@@ -110,7 +111,6 @@ class _Harvest:
         self._drive = _Driving(run, seed, policies, counting=counting)
         self.run, self._threads = run, run.processes(threads)
         self.pool = ThreadPoolExecutor(self._threads)
-        self.extra = extra_columns(with_policy=bool(policies))
 
     def chunks(self, first: int, tests: int) -> Generator[Harvested, None, None]:
         """Yield ranges of tests with their cases; the number of threads and the ranges' size change no result."""
@@ -195,7 +195,7 @@ class _Filler:
 
     def _pack(self, next_test: int) -> None:
         cases, tracks = pa.concat_tables(self._cases), pa.concat_tables(self._tracks)
-        future = self._harvest.pool.submit(encode_tables, cases, tracks, self._harvest.extra)
+        future = self._harvest.pool.submit(encode_tables, cases, tracks)
         self._packing.append((future, next_test, self.crashes))
         self._cases, self._tracks, self._loose = [], [], 0
 
@@ -204,8 +204,8 @@ class _Filler:
         self._commit_packed(wait_beyond=0)
         cases, tracks = pa.concat_tables(self._cases), pa.concat_tables(self._tracks)
         self._library.fill(
-            cases, tracks, self._harvest.extra, next_test=next_test, tests=self._tests_below(next_test),
-            crashes=self.crashes, shard_cases=_SHARD_CASES,
+            cases, tracks, next_test=next_test, tests=self._tests_below(next_test), crashes=self.crashes,
+            shard_cases=_SHARD_CASES,
         )  # fmt: skip
         self._open = (self._open + self._loose) % _SHARD_CASES
         self._cases, self._tracks, self._loose = [], [], 0

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from cornerforge.errors import InputError
 from cornerforge.fields import CASES, TRACKS
-from cornerforge.library.schema import arrow_schema
+from cornerforge.library.schema import EXTRA_TYPES, arrow_schema, check_extra_name
 from cornerforge.library.tables import POLICY_COLUMNS, tables_of
 from cornerforge.sim import (
     SUBSTEPS,
     Buffers,
     Harvest,
     Outcomes,
+    Recording,
     Setting,
     allocate_harvest,
     allocate_outcomes,
@@ -32,10 +35,13 @@ from cornerforge.sim import (
     world_of,
 )
 
-__all__ = ["CaseRoom", "Harvested", "Harvester", "extra_columns", "harvested_of"]
+__all__ = ["CaseRoom", "Harvested", "Harvester", "Scalar", "harvested_of"]
 
 _ROOM = 64
 """Number of cases that buffers hold."""
+_MOST_NUMBERS = 2**24
+"""Of long tests with many vehicles buffers hold fewer: about so many states."""
+Scalar: TypeAlias = bool | int | float | str | None
 
 
 @dataclass(frozen=True)
@@ -70,8 +76,13 @@ class CaseRoom:
     def __init__(self, slots: int, decisions: int, policies: Sequence[str] = ()) -> None:
         self._policies = tuple(policies)
         self._longest = (SUBSTEPS * decisions + 1, slots)
-        self._harvest = allocate_harvest(_ROOM, slots, decisions)
-        self._parts: list[tuple[pa.Table, pa.Table]] = []
+        cases = max(1, min(_ROOM, _MOST_NUMBERS // (self._longest[0] * slots)))
+        self._harvest = allocate_harvest(cases, slots, decisions)
+        self.clear()
+
+    def __len__(self) -> int:
+        """Count the cases."""
+        return sum(len(part[0]) for part in self._parts) + self._harvest.n_cases
 
     def room(self) -> Harvest:
         """Give the buffers with room for at least the longest case; cases in them are moved to tables if necessary."""
@@ -79,20 +90,71 @@ class CaseRoom:
             self._empty()
         return self._harvest
 
+    def add(
+        self, drive: Recording, extra: Mapping[str, Scalar] | None = None, *, start: NDArray[np.void] | None = None,
+        poses: NDArray[np.float64] | None = None,
+    ) -> None:  # fmt: skip
+        """Add what was driven last.
+
+        Args:
+            drive: Where it was driven; it ended in a crash of the AV.
+            extra: Own columns, the same for all cases; names end in their unit where they have one.
+            start: All states of a scripted case at frame 0 (`sim.Script.start`); all vehicles are stored then. None
+                for a test of a seed.
+            poses: Rails of the others in a scripted case on rails (`sim.Script.poses`).
+
+        Raises:
+            InputError: There is no crash of the AV, or an extra name cannot be a column.
+        """
+        own = {check_extra_name(name): value for name, value in (extra or {}).items()}
+        drive.keep(self.room(), whole=start is not None)
+        self._own.append(own)
+        self._starts += [] if start is None else [start]
+        self._poses += [] if poses is None else [poses]
+
     def _empty(self) -> None:
         h = self._harvest
         if h.n_cases:
-            self._parts.append(tables_of(h, policies=self._policies))
+            self._parts.append(tables_of(h, policies=self._policies, starts=self._starts, poses=self._poses))
+        self._starts.clear()
+        self._poses.clear()
         h.clear()
 
-    def take(self) -> tuple[pa.Table, pa.Table]:
-        """Give all cases so far and their tracks, and empty the buffers."""
+    def tables(self) -> tuple[pa.Table, pa.Table]:
+        """Give all cases so far and their tracks.
+
+        Raises:
+            InputError: The cases have other columns than the first one, or a value cannot be stored.
+        """
         self._empty()
-        extra = extra_columns(with_policy=bool(self._policies))
-        parts, self._parts = self._parts, []
-        cases = [arrow_schema(CASES, extra).empty_table(), *(part[0] for part in parts)]
-        tracks = [arrow_schema(TRACKS).empty_table(), *(part[1] for part in parts)]
-        return pa.concat_tables(cases), pa.concat_tables(tracks)
+        if not self._parts:
+            extra = POLICY_COLUMNS if self._policies else {}
+            return arrow_schema(CASES, extra).empty_table(), arrow_schema(TRACKS).empty_table()
+        cases, tracks = (pa.concat_tables(tables) for tables in zip(*self._parts, strict=True))
+        kinds = [{name: type(value).__name__ for name, value in own.items()} for own in self._own]
+        for row, kind in enumerate(kinds):
+            if kind != kinds[0] or not set(kind.values()) <= EXTRA_TYPES.keys():
+                raise InputError(
+                    f"Case {cases['case_id'][row]} has the extra columns {self._own[row]}; all cases need the same "
+                    f"columns, of one of the types {', '.join(EXTRA_TYPES)}."
+                )
+        for name, type_ in kinds[0].items() if kinds else ():
+            cases = cases.append_column(name, pa.array([own[name] for own in self._own], EXTRA_TYPES[type_]))
+        return cases, tracks
+
+    def clear(self) -> None:
+        """Forget all cases."""
+        self._harvest.clear()
+        self._parts: list[tuple[pa.Table, pa.Table]] = []
+        self._own: list[dict[str, Scalar]] = []
+        self._starts: list[NDArray[np.void]] = []
+        self._poses: list[NDArray[np.float64]] = []
+
+    def take(self) -> tuple[pa.Table, pa.Table]:
+        """Give all cases so far and their tracks, and forget them."""
+        found = self.tables()
+        self.clear()
+        return found
 
 
 class Harvester:
@@ -111,7 +173,6 @@ class Harvester:
         self._whole, self._nothing = keep_whole_test(setting, slots), keep_nothing(slots)
         self._no_counts = statistics.allocate_counts()
         self._cases = CaseRoom(slots, setting.road.max_decisions, policies)
-        self.extra = extra_columns(with_policy=bool(policies))
 
     def harvest(self, seed: int, first: int, count: int, *, counting: bool = False) -> Harvested:
         """Drive `count` tests from `first` on; nearly all of it without the GIL.
@@ -151,8 +212,3 @@ def harvested_of(first: int, outcomes: Outcomes, counts: statistics.Counts, case
     """Make the result from the outcomes and the cases."""
     rows, tracks = cases.take()
     return Harvested(first, outcomes, counts, rows.column("test").to_numpy(), rows, tracks)
-
-
-def extra_columns(*, with_policy: bool) -> dict[str, str]:
-    """Give the extra columns of a library that is filled in bulk: name to a key of `schema.EXTRA_TYPES`."""
-    return dict(POLICY_COLUMNS) if with_policy else {}

@@ -20,7 +20,7 @@ from cornerforge.types import MAX_LANES, Odd, Scenario
 
 __all__ = [
     "MOST_VEHICLES", "NAME_PATTERN", "Fact", "MovingCase", "OutCase", "check_name", "fact_of_text", "plain_facts",
-    "plain_text", "safe_name", "script_of", "straight_on", "straight_road",
+    "plain_text", "recorded_script", "safe_name", "script_of", "straight_on", "straight_road",
 ]  # fmt: skip
 
 Fact: TypeAlias = bool | int | float | str | None
@@ -264,6 +264,14 @@ def script_of(case: MovingCase, *, set_speed: float | None = None, seed: int = 0
     n = case.poses.shape[1]
     action = np.full(((len(poses) - 1) // SUBSTEPS, n), -1, dtype=np.int8)
     return Script(np.arange(n, dtype=np.int16), start, action, seed, test, poses)
+
+
+def recorded_script(case: MovingCase, *, set_speed: float | None = None, seed: int = 0, test: int = 0) -> Script:
+    """Make `script_of` a case, but the AV's own rails end where its recording does."""
+    script = script_of(case, set_speed=set_speed, seed=seed, test=test)
+    if script.poses is not None:
+        script.poses[len(case.poses) :, 0] = np.nan
+    return script
 
 
 def _to_its_lane(pose: NDArray[np.float64], odd: Odd) -> dict[str, float]:

@@ -33,6 +33,7 @@ __all__ = [
     "arrow_schema",
     "check_extra_name",
     "own_fields",
+    "own_kinds",
     "schema_version",
     "tracks_fields",
 ]
@@ -120,6 +121,12 @@ def check_extra_name(name: str) -> str:
     if name in {column.name for column in CASES}:
         raise InputError(f'Extra column "{name}" is the name of a column that every library has; choose another.')
     return name
+
+
+def own_kinds(cases: pa.Table) -> dict[str, str]:
+    """Give the caller's own columns of a table of cases, name to a key of `EXTRA_TYPES`."""
+    kinds, known = {type_: name for name, type_ in EXTRA_TYPES.items()}, {column.name for column in CASES}
+    return {field.name: kinds[field.type] for field in cases.schema if field.name not in known}
 
 
 def own_fields(extra: Mapping[str, str]) -> tuple[Field, ...]:

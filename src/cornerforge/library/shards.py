@@ -18,11 +18,10 @@ from cornerforge._checksums import MIGRATE
 from cornerforge._files import check_regular, reason
 from cornerforge._table_checks import TableChecks, with_checks
 from cornerforge._values import table_fault
-from cornerforge.errors import FileFormatError, InputError
+from cornerforge.errors import FileFormatError
 from cornerforge.fields import CASES, Field
 from cornerforge.library.manifest import Manifest, Shard, StoredFile, replace_file, shard_names
-from cornerforge.library.record import CaseRecord, extra_kinds
-from cornerforge.library.schema import EXTRA_TYPES, own_fields, tracks_fields
+from cornerforge.library.schema import own_fields, own_kinds, tracks_fields
 from cornerforge.library.tables import ROW_GROUP, parquet_bytes
 
 __all__ = [
@@ -30,9 +29,7 @@ __all__ = [
     "EncodedShard",
     "ShardReader",
     "Tracks",
-    "encode_shard",
     "encode_tables",
-    "joined",
     "write_shard",
 ]
 
@@ -50,6 +47,7 @@ class EncodedShard:
         seeds: Seeds of the cases, as a set; one in an undamaged library.
         first_test, last_test: Its first and last test.
         ascending: Each test is larger than the one before.
+        motion: Columns of the trajectories.
         extra: The caller's own columns, name to a key of `schema.EXTRA_TYPES`.
         contents: The two files.
         sha256: Their checksums, hex.
@@ -60,18 +58,18 @@ class EncodedShard:
     first_test: int
     last_test: int
     ascending: bool
+    motion: tuple[str, ...]
     extra: Mapping[str, str]
     contents: tuple[memoryview, memoryview]
     sha256: tuple[str, str]
 
 
-def encode_tables(cases: pa.Table, tracks: pa.Table, extra: Mapping[str, str]) -> EncodedShard:
+def encode_tables(cases: pa.Table, tracks: pa.Table) -> EncodedShard:
     """Pack tables for `CaseLibrary.append_shard`; slow, but without the GIL, so that threads can do it in parallel.
 
     Args:
         cases: Rows of `schema.CASES` and the caller's own columns, at least one.
         tracks: As many rows of `schema.TRACKS`, of the same cases.
-        extra: The caller's own columns, name to a key of `schema.EXTRA_TYPES`.
     """
     # In one piece, so that the bytes do not depend on how the rows came together.
     tables = (with_checks(cases.combine_chunks()), with_checks(tracks.combine_chunks()))
@@ -81,31 +79,8 @@ def encode_tables(cases: pa.Table, tracks: pa.Table, extra: Mapping[str, str]) -
     seeds = frozenset(np.unique(cases.column("seed").to_numpy()).tolist())
     ascending = bool((np.diff(tests) > 0).all())
     ends = int(tests[0]), int(tests[-1])
-    return EncodedShard(len(tests), seeds, *ends, ascending, dict(extra), contents, (hashes[0], hashes[1]))
-
-
-def joined(cases: Sequence[CaseRecord], extra: Mapping[str, str]) -> tuple[pa.Table, pa.Table]:
-    """Give the tables of at least one record: cases with the caller's own columns, and tracks.
-
-    Raises:
-        InputError: A record's own columns differ from `extra`.
-    """
-    for record in cases:
-        kinds = extra_kinds(record)
-        if kinds != dict(extra):
-            raise InputError(
-                f"Case {record.case_id} has the extra columns {kinds}, this library has {dict(extra)}; "
-                "all cases need the same columns of the same types."
-            )
-    rows = pa.concat_tables([record.cases for record in cases])
-    for name, kind in extra.items():
-        rows = rows.append_column(name, pa.array([record.extra[name] for record in cases], EXTRA_TYPES[kind]))
-    return rows, pa.concat_tables([record.tracks for record in cases])
-
-
-def encode_shard(cases: Sequence[CaseRecord], extra: Mapping[str, str]) -> EncodedShard:
-    """Pack at least one record; errors as of `joined`."""
-    return encode_tables(*joined(cases, extra), extra)
+    names = tuple(tracks.column_names), own_kinds(cases)
+    return EncodedShard(len(tests), seeds, *ends, ascending, *names, contents, (hashes[0], hashes[1]))
 
 
 def write_shard(folder: Path, index: int, shard: EncodedShard, *, growing: bool = False) -> Shard:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import warnings
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -35,15 +35,12 @@ from cornerforge.library.manifest import (
     write_manifest,
 )
 from cornerforge.library.query import MEGABYTES, SECONDS, run_sql
-from cornerforge.library.record import CaseRecord, extra_kinds
-from cornerforge.library.schema import AV_SIZES, arrow_schema
+from cornerforge.library.schema import AV_SIZES, arrow_schema, tracks_fields
 from cornerforge.library.shards import (
     DamagedShardWarning,
     EncodedShard,
     ShardReader,
-    encode_shard,
     encode_tables,
-    joined,
     write_shard,
 )
 from cornerforge.library.tables import restore, script_of
@@ -224,37 +221,15 @@ class CaseLibrary:
         return sum(shard.cases for shard in self._manifest.shards if shard.cases_file.name not in self._reader.damaged)
 
     @claims()
-    def append(
-        self, cases: Sequence[CaseRecord], *, next_test: int, tests: int, crashes: int, shard_cases: int | None = None
-    ) -> None:
-        """Write cases as one shard and commit it with the progress of the run. About 1000 cases make a good shard.
+    def append_shard(self, shard: EncodedShard | None, *, next_test: int, tests: int, crashes: int) -> None:
+        """Write packed cases as one shard and commit it with the progress of the run. 1000 cases make a good shard.
 
         Args:
-            cases: New cases, ascending by test, from `self.next_test` to below `next_test`; may be empty.
+            shard: New cases (`shards.encode_tables`) of this library's ODD, ascending by test, from `self.next_test`
+                to below `next_test`; None: no cases.
             next_test: All tests below it are done now.
             tests: Tests done in the whole run.
             crashes: AV crashes in the whole run.
-            shard_cases: Fill up shards to so many cases, as `fill` does, instead of writing one.
-
-        Raises:
-            InputError: Cases or progress do not continue the library.
-            OutputError: It cannot be written, is open for reading only, or another process wrote to it.
-        """
-        self._check_progress(next_test, tests, crashes)
-        self._check_writable()
-        self._check_continues(cases, next_test)
-        extra = self._manifest.extra
-        if cases and extra is None:
-            extra = extra_kinds(cases[0])
-        if cases and extra is not None and shard_cases is not None:
-            progress = {"next_test": next_test, "tests": tests, "crashes": crashes, "shard_cases": shard_cases}
-            self.fill(*joined(cases, extra), extra, **progress)
-            return
-        self._append(None if not cases or extra is None else encode_shard(cases, extra), next_test, tests, crashes)
-
-    @claims()
-    def append_shard(self, shard: EncodedShard | None, *, next_test: int, tests: int, crashes: int) -> None:
-        """Do the same with packed cases (`shards.encode_tables`) of this library's ODD; None: no cases.
 
         Raises:
             InputError: Cases or progress do not continue the library, or the caller's own columns are others.
@@ -274,6 +249,12 @@ class CaseLibrary:
                 f"Cases of tests {shard.first_test} to {shard.last_test} of seeds {sorted(shard.seeds)} do not "
                 f"continue the library {self._path}; they must ascend in [{self.next_test}, {next_test})."
             )
+        motion = {one.name for one in tracks_fields(self._manifest.run)}
+        if motion != set(shard.motion):
+            raise InputError(
+                f"Of cases scripted or on rails more is stored than of tests of a seed: tests {shard.first_test} to "
+                f"{shard.last_test} and the library {self._path} are not of the same kind; keep the two apart."
+            )
         if self._manifest.extra is not None and dict(self._manifest.extra) != dict(shard.extra):
             raise InputError(
                 f"The cases have the extra columns {dict(shard.extra)}, this library has "
@@ -292,17 +273,16 @@ class CaseLibrary:
 
     @claims()
     def fill(
-        self, cases: pa.Table, tracks: pa.Table, extra: Mapping[str, str], *, next_test: int, tests: int, crashes: int,
-        shard_cases: int,
-    ) -> None:  # fmt: skip
+        self, cases: pa.Table, tracks: pa.Table, *, next_test: int, tests: int, crashes: int, shard_cases: int
+    ) -> None:
         """Save cases so that the files do not depend on the number of calls: each shard but the last is full.
 
         The last shard is filled up first. Its new files do not replace the listed ones, but get other names, so that a
         kill before the commit leaves it as it was.
 
         Args:
-            cases, tracks, extra: New cases, as for `encode_tables`.
-            next_test, tests, crashes: As for `append`.
+            cases, tracks: New cases, as for `encode_tables`; there may be none.
+            next_test, tests, crashes: As for `append_shard`.
             shard_cases: Cases in a full shard; the same in all calls.
 
         Raises:
@@ -310,7 +290,10 @@ class CaseLibrary:
         """
         self._check_progress(next_test, tests, crashes)
         self._check_writable()
-        new = encode_tables(cases, tracks, extra)
+        if not cases.num_rows:
+            self._append(None, next_test, tests, crashes)
+            return
+        new = encode_tables(cases, tracks)
         self._check_follows(new, next_test)
         shards = self._manifest.shards
         if (last := self._last_short(shard_cases)) is not None:
@@ -319,12 +302,12 @@ class CaseLibrary:
             tracks = pa.concat_tables([last[1].cast(tracks.schema), tracks])
             shards = shards[:-1]
         for start in range(0, cases.num_rows, shard_cases):
-            part = encode_tables(cases.slice(start, shard_cases), tracks.slice(start, shard_cases), extra)
+            part = encode_tables(cases.slice(start, shard_cases), tracks.slice(start, shard_cases))
             index = len(shards)
             listed = self._manifest.shards[index : index + 1]
             growing = bool(listed) and listed[0].cases_file.name == shard_names(index)[0]
             shards = (*shards, write_shard(self._path, index, part, growing=growing))
-        now = replace(self._manifest, shards=shards, extra=dict(extra), finished=False)
+        now = replace(self._manifest, shards=shards, extra=dict(new.extra), finished=False)
         self._commit(replace(now, next_test=next_test, tests=tests, crashes=crashes))
 
     def _settle(self) -> None:
@@ -363,10 +346,10 @@ class CaseLibrary:
 
     @claims()
     def finish(self) -> None:
-        """Mark the run as finished. A later `append` removes the mark.
+        """Mark the run as finished. Later cases remove the mark.
 
         Raises:
-            OutputError: As for `append`.
+            OutputError: As for `append_shard`.
         """
         self._check_writable()
         self._settle()
@@ -378,30 +361,6 @@ class CaseLibrary:
         claim_folder(self._path)
         if read_manifest(self._path)[1] != self._committed:
             raise OutputError(f"Another process writes to {self._path}; stop one of the two, then use --resume.")
-
-    def _check_continues(self, cases: Sequence[CaseRecord], next_test: int) -> None:
-        low = self.next_test
-        for record in cases:
-            seed, test = record.case["seed"], record.case["test"]
-            if seed != self._manifest.run["seed"] or record.odd != self.odd:
-                raise InputError(f"Case {record.case_id} is of another seed or ODD than the library {self._path}.")
-            if record.scripted != self._manifest.scripted:
-                kinds = ("a test of its seed", "scripted")
-                raise InputError(
-                    f"Case {record.case_id} is {kinds[record.scripted]}, those of the library {self._path} are "
-                    f"{kinds[self._manifest.scripted]}; keep the two apart."
-                )
-            if record.on_rails != self._manifest.on_rails:
-                kinds = ("drive by themselves", "are on rails")
-                raise InputError(
-                    f"The other vehicles of case {record.case_id} {kinds[record.on_rails]}, those of the library "
-                    f"{self._path} {kinds[self._manifest.on_rails]}; keep the two apart."
-                )
-            if not isinstance(test, int) or not low <= test < next_test:
-                raise InputError(
-                    f"Case {record.case_id} is out of order; its test must be in [{low}, {next_test}), ascending."
-                )
-            low = test + 1
 
     def _commit(self, manifest: Manifest) -> None:
         self._committed = write_manifest(self._path, manifest)

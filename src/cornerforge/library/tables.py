@@ -36,24 +36,22 @@ def tables_of(
     h: Harvest,
     *,
     policies: Sequence[str] = (),
-    digests: Sequence[str] | None = None,
-    starts: Sequence[NDArray[np.void]] | None = None,
-    poses: Sequence[NDArray[np.float64]] | None = None,
+    starts: Sequence[NDArray[np.void]] = (),
+    poses: Sequence[NDArray[np.float64]] = (),
 ) -> tuple[pa.Table, pa.Table]:
     """Copy all cases of a harvest: rows of `fields.CASES` (with `POLICY_COLUMNS`), and of `fields.TRACKS`.
 
     Args:
         h: At least one case.
         policies: Hashes of the policies that drove, in the order of the mixture; none: no columns of policies.
-        digests: Digests to store instead of the recordings' own.
-        starts: States at frame 0 of each scripted case; the tracks are `SCRIPTED_TRACKS` then.
+        starts: States at frame 0 of each case if they are scripted; the tracks are `SCRIPTED_TRACKS` then.
         poses: Rails of each scripted case (`sim.Script.poses`); the tracks are `RAILS_TRACKS` then.
     """
     rows = h.rows[: h.n_cases]
     names = zip(rows["seed"].tolist(), rows["test"].tolist(), strict=True)
     given: dict[str, pa.Array] = {
         "case_id": pa.array([f"{seed}:{test}" for seed, test in names]),
-        "trajectory_digest": pa.array(_digests(h) if digests is None else digests),
+        "trajectory_digest": pa.array(_digests(h)),
         "critical_bv_action": _lists(h.critical_bv_action, rows["n_decisions"]),
         "history": pa.FixedSizeListArray.from_arrays(
             pa.array(h.history[: rows.size].ravel().copy()), h.history.shape[1]
@@ -83,13 +81,13 @@ def tables_of(
         "decision_log_prob_nde": _lists(h.log_prob, decided),
     }
     named = TRACKS
-    if starts is not None:
+    if starts:
         named = SCRIPTED_TRACKS
         states = [
             np.stack([start[name].astype(np.float64) for name in START_FIELDS], axis=1).ravel() for start in starts
         ]
         tracks["start"] = _lists(np.concatenate(states), np.array([state.size for state in states]))
-    if poses is not None:
+    if poses:
         named = RAILS_TRACKS
         tracks["rails"] = _lists(np.concatenate([one.ravel() for one in poses]), np.array([one.size for one in poses]))
     return cases, pa.Table.from_arrays([tracks[c.name] for c in named], schema=arrow_schema(named))
@@ -197,7 +195,7 @@ def script_of(scenario: Scenario, tracks: pa.Table, row: int) -> Script | None:
         return None
     fields = tracks.column("start")[row].values.to_numpy(zero_copy_only=False).reshape(scenario.slot.size, -1)
     if fields.shape[1] < len(START_FIELDS):
-        raise FileFormatError(f"Case {scenario.seed}:{scenario.test} has a start of an earlier version; {MIGRATE}.")
+        raise FileFormatError(f"Case {scenario.case_id} has a start of an earlier version; {MIGRATE}.")
     poses = None
     if "rails" in tracks.column_names:
         flat = tracks.column("rails")[row].values.to_numpy(zero_copy_only=False)

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from cornerforge.analysis.crash_types import CRASH_TYPES
-from cornerforge.analysis.mechanism import MECHANISMS, crash_types_of, mechanism_of
+from cornerforge.analysis.mechanism import MECHANISMS, crash_type_of, mechanism_of
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.rates.attention import action_chances, oversight
 from cornerforge.results.driving import CrashCircumstances
@@ -56,7 +56,8 @@ class NaturalCrashes:
     def __init__(self, run: Experiment, seed: int) -> None:
         self._run = run
         self._seed = seed
-        self._recorder = run.recorder()
+        self.recorder = run.recorder()
+        """Holds the recording of the crash that was recorded last."""
 
     def record(self, test: int) -> tuple[Scenario, CrashStudy]:
         """Drive again a test that is known to end in an AV crash.
@@ -64,10 +65,9 @@ class NaturalCrashes:
         Raises:
             InputError: The test does not end in an AV crash.
         """
-        scenario = self._recorder.record(self._seed, test)
+        scenario = self.recorder.record(self._seed, test)
         mechanism = mechanism_of(scenario)
         setting = self._run.setting
-        kind = crash_types_of([scenario]).names[0]
         assert scenario.crash is not None  # mechanism_of has looked
         chances = action_chances(
             setting,
@@ -79,7 +79,7 @@ class NaturalCrashes:
         )
         eyes = oversight(chances, scenario.crash.time, setting.tables.overlook, setting.tables.overlook_conflict)
         return scenario, CrashStudy(
-            crash_type=kind,
+            crash_type=crash_type_of(scenario)[0],
             mechanism=mechanism.name,
             at_start=mechanism.at_start,
             rarest_chance=eyes.rarest_chance,

@@ -21,8 +21,9 @@ from cornerforge.experiment.output import code_hash, open_output, read_json_file
 from cornerforge.experiment.setting import AV_LOG
 from cornerforge.foreign.session import answers_per_test
 from cornerforge.intervals import binomial_interval, poisson_interval
-from cornerforge.library import CaseLibrary, CaseRecord, case_record
+from cornerforge.library import CaseLibrary
 from cornerforge.library.filling import MODEL_FILE
+from cornerforge.library.harvester import CaseRoom
 from cornerforge.ndd.model import save_model
 from cornerforge.rates.crashes import NaturalCrashes, crash_tables
 from cornerforge.rates.exposure import SAMPLE_TESTS, BvTravel, bv_travel
@@ -56,6 +57,7 @@ class _Keeper:
     def __init__(self, run: Experiment, seed: int, out: Path | None) -> None:
         self._crashes = NaturalCrashes(run, seed)
         self._studies: list[dict[str, Any]] = []
+        self._room = CaseRoom(run.slots, int(run.setting.road.max_decisions))
         self._library: CaseLibrary | None = None
         if out is not None:
             identity = {**run.identity(seed), "cornerforge": version(), "code": code_hash()}
@@ -67,23 +69,22 @@ class _Keeper:
     def catch_up(self, counts: MonteCarlo, progress: Progress) -> None:
         """Drive every crash of `counts` that is not kept yet again, and keep it."""
         missing = [test for test in counts.crashed if test >= self._next_test]
-        pending: list[CaseRecord] = []
         for done, test in enumerate(missing, start=1):
-            scenario, study = self._crashes.record(test)
+            study = self._crashes.record(test)[1]
             if self._library is None:
                 self._studies.append({"test": test, **study.columns()})
             else:
-                pending.append(case_record(scenario, extra=study.columns()))
-            if len(pending) >= _SHARD_CASES:
+                self._room.add(self._crashes.recorder, study.columns())
+            if len(self._room) >= _SHARD_CASES:
                 crashes = len(counts.crashed) - len(missing) + done
-                self._commit(pending, test + 1, crashes, min(test + 1, counts.valid_tests))
-                pending = []
+                self._commit(test + 1, crashes, min(test + 1, counts.valid_tests))
             progress("record crashes", done, len(missing))
-        self._commit(pending, counts.tests, counts.av_crashes, counts.valid_tests)
+        self._commit(counts.tests, counts.av_crashes, counts.valid_tests)
 
-    def _commit(self, pending: list[CaseRecord], next_test: int, crashes: int, tests: int) -> None:
+    def _commit(self, next_test: int, crashes: int, tests: int) -> None:
         if next_test > self._next_test and self._library is not None:
-            self._library.append(pending, next_test=next_test, tests=tests, crashes=crashes, shard_cases=_SHARD_CASES)
+            progress = {"next_test": next_test, "tests": tests, "crashes": crashes}
+            self._library.fill(*self._room.take(), **progress, shard_cases=_SHARD_CASES)
         self._next_test = max(self._next_test, next_test)
 
     def finish(self) -> None:

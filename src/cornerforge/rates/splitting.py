@@ -20,13 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checksums import read_arrays, write_arrays
-from cornerforge.analysis.mechanism import crash_types_of, mechanism_of
+from cornerforge.analysis.mechanism import crash_type_of, mechanism_of
 from cornerforge.errors import FileFormatError
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import code_hash, remove_folder, version
 from cornerforge.intervals import poisson_interval, weighted_interval
-from cornerforge.library import CaseLibrary, CaseRecord, case_record
+from cornerforge.library import CaseLibrary
 from cornerforge.library.filling import MODEL_FILE
+from cornerforge.library.harvester import CaseRoom
 from cornerforge.library.schema import SCRIPTED
 from cornerforge.ndd.model import save_model
 from cornerforge.rates.branching import BUILT_IN_TREES, ForeignTrees, Plan, TreeDriver, danger, drive_trees, tree_of
@@ -329,12 +330,12 @@ class Splitting:
             for block in self._blocks
             for k, test in enumerate(block["test"].tolist())
         }
-        driver, record = self._run.script_driver(), self._run.branch_recorder()
+        driver, branches = self._run.script_driver(), self._run.branch_recorder()
         seen = [tree in kept for tree in trees.tolist()]  # of others the crashes found no room
         self._unseen = 1.0 - float(stands_for[seen].sum() / stands_for.sum())
         trees, stands_for = trees[seen], stands_for[seen] * (weights.sum() / stands_for[seen].sum())
         picked: list[PickedCrash] = []
-        records: list[CaseRecord] = []
+        room = CaseRoom(self._run.slots, driver.max_decisions)
         for done, (tree, weight) in enumerate(zip(trees.tolist(), stands_for.tolist(), strict=True)):
             self._progress("record crashes", done, trees.size)
             block, k, test = kept[tree]
@@ -342,9 +343,9 @@ class Splitting:
             actions = block["actions"][k, : block["begun"][k], : start.size]
             script = Script(np.arange(start.size, dtype=np.int16), start, actions, self._tree_seed, test)
             answers = block["answers"][k]
-            scenario = record(script, answers[np.isfinite(answers[:, 0])])
+            scenario = branches.record_branch(script, answers[np.isfinite(answers[:, 0])])
             mechanism = mechanism_of(scenario)
-            kind = crash_types_of([scenario]).names[0]
+            kind = crash_type_of(scenario)[0]
             picked.append(PickedCrash(weight, kind, mechanism.name))
             extra = {
                 "crash_type": kind,
@@ -352,23 +353,23 @@ class Splitting:
                 "at_start": mechanism.at_start,
                 "weight": weight / weights.size,
             }
-            records.append(case_record(scenario, extra=extra, start=script.start))
+            room.add(branches, extra, start=script.start)
         self._progress("record crashes", trees.size, trees.size)
         if self._out is not None:
-            self._store(self._out / "weighted", records)
+            self._store(self._out / "weighted", room)
         return picked
 
-    def _store(self, place: Path, records: list[CaseRecord]) -> None:
+    def _store(self, place: Path, room: CaseRoom) -> None:
         """Write the library again: with more trees other crashes are picked."""
         remove_folder(place)
         seed = self._tree_seed
         identity = {**self._run.identity(seed), SCRIPTED: True, "cornerforge": version(), "code": code_hash()}
         library = CaseLibrary.create(place, identity, self._run.odd)
         save_model(self._run.model, place / MODEL_FILE)
-        for begin in range(0, len(records), _SHARD_CASES):
-            part = records[begin : begin + _SHARD_CASES]
-            after = int(str(part[-1].case["test"])) + 1
-            library.append(part, next_test=after, tests=after, crashes=begin + len(part))
+        if crashes := len(room):
+            cases, tracks = room.take()
+            after = cases["test"][-1].as_py() + 1
+            library.fill(cases, tracks, next_test=after, tests=after, crashes=crashes, shard_cases=_SHARD_CASES)
         library.finish()
 
 

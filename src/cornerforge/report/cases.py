@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge.analysis.avoidability import WayOut
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.metrics.risk import lane_ttc, plane_ttc
-from cornerforge.report.judged import WayOut
-from cornerforge.report.moments import partner_of
 from cornerforge.road.straight import along
 from cornerforge.types import ACTIONS, CLASSES, FRAME_S, Scenario
 
@@ -24,7 +23,6 @@ SIGHT_M = 110.0
 """Vehicles are kept while they are this near to the AV along the road [m]; the widest view shows 100 m each way."""
 SHOWN_S = 30.0
 """Longest part of a test that is kept, counted back from its end [s]."""
-FRAMES_PER_DECISION = round(1.0 / FRAME_S)
 
 
 def load_scenarios(library: Path, case_ids: Iterable[str]) -> Iterator[tuple[str, Scenario | None]]:
@@ -76,7 +74,7 @@ def case_data(
     n_frames = len(scenario.x)
     if first is None:
         first = first_shown(scenario)
-    struck = partner_of(scenario)
+    struck = scenario.partner
     told = struck if struck is not None or partner is None else _column_of(scenario, partner)
     near = _near(scenario, first, told)
     columns = [int(c) for c in np.flatnonzero(near.any(axis=0))]

@@ -54,16 +54,12 @@ class Pair:
     @property
     def crash(self) -> Scenario | None:
         """The recording that ends in a crash of the AV: the new version's, if both do."""
-        return next((one for one in (self.new, self.old) if one is not None and _crashed(one)), None)
+        return next((one for one in (self.new, self.old) if one is not None and one.partner is not None), None)
 
     @property
     def impact_mps(self) -> float:
         """Speed of AV and partner relative to each other at contact [m/s]; 0 without a crash."""
         return 0.0 if self.crash is None else float(impact_speed(contact_pose(self.crash)))
-
-
-def _crashed(scenario: Scenario) -> bool:
-    return scenario.crash is not None and scenario.crash.slot_a == 0
 
 
 def check_page() -> None:

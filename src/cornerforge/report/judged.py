@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge.analysis.avoidability import WayOut
 from cornerforge.analysis.conduct import CONDUCTS, NO_CONDUCT
 from cornerforge.results import Analysed
 from cornerforge.results.analysis import FAULTS, Avoidability, Coverage, OwnDoing, Prevented
@@ -20,7 +21,6 @@ __all__ = [
     "FAULT_WORDS",
     "JUDGED",
     "CaseJudgement",
-    "WayOut",
     "avoided_kinds",
     "conducts_in_words",
     "faults_in_words",
@@ -35,17 +35,6 @@ __all__ = [
 
 FAULT_WORDS = dict(zip(FAULTS, ("the AV", "the other", "both", "nobody"), strict=True))
 """Vehicle at fault, by names for people."""
-
-
-@dataclass(frozen=True)
-class WayOut:
-    """The AV on a way out, every 0.1 s, each of shape (W,): m, m, m/s, rad; `begin_s` before the contact [s]."""
-
-    begin_s: float
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    speed: NDArray[np.float64]
-    heading: NDArray[np.float64]
 
 
 @dataclass(frozen=True)

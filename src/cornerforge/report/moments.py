@@ -4,34 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge.analysis.avoidability import WayOut
 from cornerforge.metrics import bbd
 from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S, Scenario
 
-__all__ = ["Moment", "Moments", "WayOut", "corners_of", "overlap_of", "partner_of"]
+__all__ = ["Moment", "Moments", "corners_of", "overlap_of"]
 
 Corners = NDArray[np.float64]
 """Corners of boxes [m], counter-clockwise from the front left one, shape (..., 4, 2)."""
-
-
-class WayOut(Protocol):
-    """The AV on a way out, every 0.1 s from `begin_s` before the contact on, each of shape (W,): m, m, m/s, rad."""
-
-    @property
-    def begin_s(self) -> float: ...  # noqa: D102
-    @property
-    def x(self) -> NDArray[np.float64]: ...  # noqa: D102
-    @property
-    def y(self) -> NDArray[np.float64]: ...  # noqa: D102
-    @property
-    def speed(self) -> NDArray[np.float64]: ...  # noqa: D102
-    @property
-    def heading(self) -> NDArray[np.float64]: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -65,7 +50,7 @@ class Moments:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self._place = along(scenario.x[0, 0], scenario.x)
-        self.partner = partner_of(scenario)
+        self.partner = scenario.partner
         self.last = FRAME_S * (len(scenario.x) - 1)
         """Time of the last frame [s]."""
         self.contact = None if self.partner is None or scenario.crash is None else float(scenario.crash.time)
@@ -140,13 +125,6 @@ class Moments:
         low = int(frame + 1e-6)
         part = frame - low
         return (low, low, 0.0) if part < 1e-6 else (low, low + 1, part)
-
-
-def partner_of(scenario: Scenario) -> int | None:
-    """Column of the vehicle that the AV crashed with; None if the AV did not crash."""
-    if scenario.crash is None or scenario.crash.slot_a != 0:
-        return None
-    return int(np.flatnonzero(scenario.slot == scenario.crash.slot_b)[0])
 
 
 def corners_of(

@@ -16,7 +16,7 @@ of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs
 - *Drive*: thin callers of the loop. `simulate` drives ranges of tests in threads; `ScriptDriver` drives given starts
   and actions; `lockstep` (a module) is for AVs in other processes.
 - *Keep*. `Keep` is what stays of a drive besides its outcome: frames, decisions, counts (`statistics`, a module). A
-  `Recorder` gives one test in full, `harvest_range` and `case_of` make cases.
+  `Recorder` gives one test in full, as a scenario or as a case; `harvest_range` makes cases in bulk.
 - *Views*: sizes and versions of what is seen, by the adversary (`N_OBSERVATION`) and by an AV (`VIEW_ROWS`,
   `N_AV_FEATURES`; `av_scene`, a module).
 - *Parts* of a second, for kernels of other rooms: the chance of each action, what the AV would do, neighbours, motion
@@ -82,7 +82,7 @@ if TYPE_CHECKING:
     from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
     from cornerforge.sim.observe import N_OBSERVATION, N_OWN, OBSERVATION_VERSION, budget_units
     from cornerforge.sim.rails import Rails, rails_of
-    from cornerforge.sim.recorder import Recorder, case_of, scenario_digest
+    from cornerforge.sim.recorder import Recorder, Recording, scenario_digest
     from cornerforge.sim.runner import (
         DriveChunk,
         Tally,
@@ -149,24 +149,25 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
-    "ADVERSARIES", "AS_LEARNED", "AV_CRASH", "AV_FAULT", "AV_FEATURES_VERSION", "AV_MUST_ANSWER", "AV_VIEW_VERSION",
-    "BUILT_IN", "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDED", "DECIDES_EVERY", "HIGHEST_COMMAND", "IDM_BVS",
-    "LEARNED_WIDTH", "LOWEST_COMMAND", "MAX_BRANCH", "MILESTONE", "NATURAL", "NATURALISTIC", "NEVER",
-    "NOBODY", "NO_CAST", "N_AV_FEATURES", "N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "OUTSIDE", "OVER",
-    "POLICY", "RAILS", "RECORDED", "RUNNING", "SCRIPTED", "SIGHT", "START_FIELDS", "STEERED", "SUBSTEPS", "TIME_UP",
-    "TOLD", "TRAITS", "VIEW_COLUMNS", "VIEW_ROWS", "Buffers", "Controllers", "DriveChunk", "Ending", "Harvest",
-    "Keep", "Outcomes", "Rails", "Recorder", "Scratch", "Script", "ScriptDriver", "Setting", "Tally", "World",
-    "action_probabilities", "advance", "all_current", "allocate_harvest", "allocate_outcomes", "allocate_recording",
-    "allocate_scratch", "allocate_starter_scratch", "allocate_windows", "allocate_worlds", "answer_as_av",
-    "answer_as_bv", "answer_width", "arrays_of", "av_decide", "av_order", "av_scene", "average_traits", "bicycle",
-    "branch_of", "bring_up_to_date", "budget_units", "built_in_av_decides", "case_of", "cast_of", "choose_action",
-    "copy_of", "crashed_tests", "drive_chunk", "drive_chunk_by_window", "forget_frames", "go_on",
-    "harvest_range", "hold", "is_full", "is_outside", "keep_driven", "keep_nothing", "keep_whole_test",
-    "lane_wishes", "lockstep", "look_as_av", "look_as_bv", "moment_of", "move_vehicle", "n_slots", "naming_tests",
-    "nearest_action", "neighbours_in_lane", "ordered_lane", "packed", "path_of", "rails_of", "reset_world",
-    "return_chance", "scenario_digest", "scripted_start", "simulate", "simulate_chunks", "sort_by_x",
-    "start_lane_change", "statistics", "steering", "unpacked", "warm_up", "warn_of_left_out", "world_of",
-    "world_row", "write_outcome",
+    "ADVERSARIES", "AS_LEARNED", "AV_CRASH", "AV_FAULT", "AV_FEATURES_VERSION", "AV_MUST_ANSWER",
+    "AV_VIEW_VERSION", "BUILT_IN", "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDED", "DECIDES_EVERY",
+    "HIGHEST_COMMAND", "IDM_BVS", "LEARNED_WIDTH", "LOWEST_COMMAND", "MAX_BRANCH", "MILESTONE", "NATURAL",
+    "NATURALISTIC", "NEVER", "NOBODY", "NO_CAST", "N_AV_FEATURES", "N_OBSERVATION", "N_OWN",
+    "OBSERVATION_VERSION", "OUTSIDE", "OVER", "POLICY", "RAILS", "RECORDED", "RUNNING", "SCRIPTED", "SIGHT",
+    "START_FIELDS", "STEERED", "SUBSTEPS", "TIME_UP", "TOLD", "TRAITS", "VIEW_COLUMNS", "VIEW_ROWS", "Buffers",
+    "Controllers", "DriveChunk", "Ending", "Harvest", "Keep", "Outcomes", "Rails", "Recorder", "Recording",
+    "Scratch", "Script", "ScriptDriver", "Setting", "Tally", "World", "action_probabilities", "advance",
+    "all_current", "allocate_harvest", "allocate_outcomes", "allocate_recording", "allocate_scratch",
+    "allocate_starter_scratch", "allocate_windows", "allocate_worlds", "answer_as_av", "answer_as_bv",
+    "answer_width", "arrays_of", "av_decide", "av_order", "av_scene", "average_traits", "bicycle", "branch_of",
+    "bring_up_to_date", "budget_units", "built_in_av_decides", "cast_of", "choose_action", "copy_of",
+    "crashed_tests", "drive_chunk", "drive_chunk_by_window", "forget_frames", "go_on", "harvest_range", "hold",
+    "is_full", "is_outside", "keep_driven", "keep_nothing", "keep_whole_test", "lane_wishes", "lockstep",
+    "look_as_av", "look_as_bv", "moment_of", "move_vehicle", "n_slots", "naming_tests", "nearest_action",
+    "neighbours_in_lane", "ordered_lane", "packed", "path_of", "rails_of", "reset_world", "return_chance",
+    "scenario_digest", "scripted_start", "simulate", "simulate_chunks", "sort_by_x", "start_lane_change",
+    "statistics", "steering", "unpacked", "warm_up", "warn_of_left_out", "world_of", "world_row",
+    "write_outcome",
 ]  # fmt: skip
 
 FOR_PROGRAMS = (
@@ -214,7 +215,7 @@ _PLACES: dict[str, tuple[str, ...]] = {
         "allocate_windows",
     ),
     "rails": ("Rails", "rails_of"),
-    "recorder": ("Recorder", "case_of", "scenario_digest"),
+    "recorder": ("Recorder", "Recording", "scenario_digest"),
     "harvest": ("keep_driven", "Harvest", "Buffers", "allocate_harvest", "harvest_range", "is_full"),
     # views
     "observe": ("N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "budget_units"),

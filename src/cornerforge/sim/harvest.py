@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.fields import CASE_ROW, HISTORY_SHAPE, REALS, SERIES
-from cornerforge.recordings import BODY_FIELDS, Recordings, recordings_of_columns
+from cornerforge.fields import BODY, CASE_ROW, HISTORY_SHAPE, REALS
+from cornerforge.recordings import Recordings, recordings_of_columns
 from cornerforge.road.straight import ahead_by, half_lengths, half_widths
 from cornerforge.sim.drive import drive_test
 from cornerforge.sim.keep import write_outcome
@@ -138,10 +138,6 @@ class Harvest(NamedTuple):
         rows = self.rows[: self.n_cases]
         frames, vehicles = rows["n_frames"].astype(np.int64), rows["n_kept"].astype(np.int64)
         size, stored = int(vehicles.sum()), int((frames * vehicles).sum())
-        bodies = np.zeros(size, dtype=BODY_FIELDS)
-        for name in BODY_FIELDS.names or ():
-            bodies[name] = getattr(self, name)[:size]
-        reals = dict(zip(REALS, self.reals, strict=True))
         return recordings_of_columns(
             names=np.stack([rows["seed"], rows["test"]], axis=1),
             frames=frames,
@@ -149,9 +145,11 @@ class Harvest(NamedTuple):
             last=frames - 1,
             slot=self.slot[:size],
             bv_slot=rows["bv_slot"].astype(np.int64),
-            bodies=bodies,
-            states={
-                one.name: (reals[one.name] if one.name in reals else getattr(self, one.name))[:stored] for one in SERIES
+            columns={
+                **{body.name: getattr(self, body.name)[:size] for body in BODY},
+                **{name: values[:stored] for name, values in zip(REALS, self.reals, strict=True)},
+                "target_lane": self.target_lane[:stored],
+                "present": self.present[:stored],
             },
         )
 

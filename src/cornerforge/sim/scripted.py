@@ -18,15 +18,15 @@ from cornerforge._jit import kernel
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.fields import POSE
 from cornerforge.sim import lockstep
-from cornerforge.sim.keep import Keep, allocate_decisions, keep_nothing
+from cornerforge.sim.keep import Keep, keep_nothing
 from cornerforge.sim.loop import AV_MUST_ANSWER, MILESTONE, advance
 from cornerforge.sim.rails import NO_RAILS, Rails, put_on_rails, rails_of, set_speed_of
-from cornerforge.sim.recorder import scenario_of
-from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
+from cornerforge.sim.recorder import Recording
+from cornerforge.sim.scratch import warn_of_left_out
 from cornerforge.sim.setting import LIKELIEST, NOBODY, RAILS, RECORDED, SCRIPTED, STEERED
-from cornerforge.sim.step import SUBSTEPS, allocate_recording, record_frame
+from cornerforge.sim.step import SUBSTEPS, record_frame
 from cornerforge.sim.traffic import clear_world, reset_world
-from cornerforge.sim.world import AV_CRASH, NO_ACTION, RUNNING, VEHICLE, all_current, allocate_worlds, n_slots, world_of
+from cornerforge.sim.world import AV_CRASH, NO_ACTION, RUNNING, VEHICLE, all_current
 from cornerforge.types import N_ACTIONS, Odd, Scenario
 
 if TYPE_CHECKING:
@@ -244,7 +244,7 @@ def _answer(w: World, answer: NDArray[np.float64], setting: Setting) -> None:
     lockstep.answer_with(w, answer, setting)
 
 
-class ScriptDriver:
+class ScriptDriver(Recording):
     """Drives scripts in the world of one run; keeps its buffers, so one driver serves one thread.
 
     Args:
@@ -260,17 +260,10 @@ class ScriptDriver:
     """
 
     def __init__(self, setting: Setting, odd: Odd, av: Asked | None = None) -> None:
-        self._setting = setting
-        self._odd = odd
+        super().__init__(setting, odd)
         self._av = av
-        slots, most = n_slots(odd), setting.road.max_decisions
-        self._worlds = allocate_worlds(1, slots)
-        self._world: World = world_of(self._worlds)
-        self._scratch = allocate_scratch(slots, setting.who.policy)
-        self._recording = allocate_recording(SUBSTEPS * most + 1, slots)
-        self._decisions = allocate_decisions(most, slots)
-        self._nothing = keep_nothing(slots)
-        self.max_decisions = most
+        self._nothing = keep_nothing(self._world.order.size)
+        self.max_decisions = int(setting.road.max_decisions)
         """Largest number of decisions of a script."""
         self.drives = 0
         """Scripts driven so far."""
@@ -362,7 +355,7 @@ class ScriptDriver:
         return Ending(pose, int(script.slot[state["slot_b"]]), int(state["frame"]), int(state["bv_crashes"]))
 
     def record(self, script: Script, *, av_is_natural: bool = False) -> tuple[Scenario, NDArray[np.float64]]:
-        """Drive a script and keep everything.
+        """Drive a script and keep everything; `keep` then makes a case of it.
 
         Args:
             script: The script.
@@ -373,11 +366,14 @@ class ScriptDriver:
             NaN where it is absent, for the AV, and after the end.
         """
         chances = np.full((len(script.action), script.slot.size, N_ACTIONS), np.nan)
-        self._recording["present"] = 0
-        keep = self._nothing._replace(recording=self._recording, decisions=self._decisions, chances=chances)
-        self._drive(script, av_is_natural, keep)
-        scenario = scenario_of(self._world, keep, script.slot, self._odd, script.seed, script.test)
-        return scenario, chances
+        self._forget()
+        self._drive(script, av_is_natural, self._keep._replace(chances=chances))
+        self._driven(script.seed, script.test, script.slot)
+        return self.scenario(), chances
+
+    def record_branch(self, script: Script, answers: NDArray[np.float64]) -> Scenario:  # noqa: ARG002
+        """Drive a branch of a test's tree and keep everything; a built-in AV needs no answers, (A, W)."""
+        return self.record(script)[0]
 
     def start_of_test(self, seed: int, test: int) -> NDArray[np.void]:
         """Make the states of all vehicles at the start of a test, (N,) of `world.VEHICLE`; none changes lanes there."""

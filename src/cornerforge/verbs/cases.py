@@ -27,7 +27,6 @@ from cornerforge.library.filling import MODEL_FILE, policy_file
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.library.query import run_sql
 from cornerforge.library.schema import RunIdentity
-from cornerforge.report.moments import partner_of
 from cornerforge.results import Queried, Replayed
 from cornerforge.sim import scenario_digest
 from cornerforge.types import Scenario
@@ -181,7 +180,7 @@ def replay(options: Replay) -> Replayed:
         options.progress("replay", done + 1, len(ids))
         if options.picture is None and options.video is None:
             continue
-        has_crash = partner_of(driven) is not None
+        has_crash = driven.partner is not None
         answer = (
             avoidability(driven, AvoidParams(steers=run.av_steers))
             if has_crash or options.picture is not None

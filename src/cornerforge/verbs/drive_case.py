@@ -19,7 +19,7 @@ from cornerforge._options import verb
 from cornerforge._schema import meant
 from cornerforge.analysis.crash_types import STRIKERS, classify_crashes
 from cornerforge.analysis.in_words import what_happened
-from cornerforge.analysis.mechanism import contact_pose, crash_frame, crash_types_of
+from cornerforge.analysis.mechanism import contact_pose, crash_type_of
 from cornerforge.drivers.rails import X
 from cornerforge.errors import AvFaultError, InputError, UnknownNameError
 from cornerforge.experiment.experiments import Experiment
@@ -29,13 +29,14 @@ from cornerforge.library.case_file import CaseFile, Happened, read_case_file
 from cornerforge.library.filling import MODEL_FILE
 from cornerforge.library.out_case import plain_text, straight_on
 from cornerforge.ndd.model import default_model_path, load_model, model_hash
-from cornerforge.sim import SUBSTEPS, Ending, Script
+from cornerforge.sim import SUBSTEPS, Ending, Script, ScriptDriver
 from cornerforge.types import CLASSES, FRAME_S, Scenario
 from cornerforge.world_options import AvAloneOptions, WorldOptions
 
 __all__ = [
-    "COUNTS", "CaseDriver", "DrivenCase", "av_straight_on", "check_count", "crash_in_words", "drive_case",
+    "COUNTS", "CaseDriver", "DrivenCase", "av_straight_on", "check_count", "drive_case",
     "driven_with", "happened_in", "known_frames", "recorded_drive", "striker_of_file", "strikes",
+    "told",
 ]  # fmt: skip
 
 COUNTS = ("any", "av")
@@ -167,7 +168,7 @@ class CaseDriver:
         """
         run = self.run(case)
         with _saying(case):
-            return recorded_drive(run, case.script)
+            return recorded_drive(run, run.script_driver(), case.script)
 
 
 @contextmanager
@@ -212,9 +213,8 @@ def av_straight_on(poses: NDArray[np.float64], frames: int) -> NDArray[np.float6
     return poses
 
 
-def recorded_drive(run: Experiment, script: Script) -> Scenario:
+def recorded_drive(run: Experiment, driver: ScriptDriver, script: Script) -> Scenario:
     """Drive a script and keep all of the motion; what was in the AV's seat drives as long as it was recorded."""
-    driver = run.script_driver()
     if run.av.name != RECORDED_AV:
         return driver.record(script)[0]
     script, frames = _as_recorded(script)
@@ -251,8 +251,8 @@ def drive_case(options: DriveCase) -> DrivenCase:
 def driven_with(driver: CaseDriver, case: CaseFile, av: str) -> DrivenCase:
     """Drive a case with the AV of a driver, and say what happened."""
     scenario = driver.record(case)
-    happened, striker = happened_in(scenario), _striker(scenario)
-    return DrivenCase(case.name, av, happened, crash_in_words(scenario), scenario, striker=striker)
+    happened, striker, words = told(scenario)
+    return DrivenCase(case.name, av, happened, words, scenario, striker=striker)
 
 
 def check_count(count: str) -> str:
@@ -290,38 +290,34 @@ def striker_of_file(case: CaseFile) -> str | None:
         return STRIKERS[int(classify_crashes(happened.pose[None], length, width).striker[0])]
 
 
-def _striker(scenario: Scenario) -> str | None:
-    """Say who strikes; None: no crash of the AV."""
-    if not happened_in(scenario).crashed:
-        return None
-    return STRIKERS[int(crash_types_of([scenario]).striker[0])]
-
-
 def happened_in(scenario: Scenario) -> Happened:
     """Tell the AV's contact, if it has one."""
-    if scenario.crash is None or scenario.crash.slot_a != 0:
+    if scenario.partner is None:
         return Happened()
-    frame, _ = crash_frame(scenario)
-    return Happened(frame, scenario.crash.slot_b, contact_pose(scenario))
+    return Happened(scenario.contact()[0], int(scenario.slot[scenario.partner]), contact_pose(scenario))
 
 
-def crash_in_words(scenario: Scenario, called: Sequence[str] = ()) -> str:
-    """Say in words what happened: who struck whom, when, how fast both were.
+def told(scenario: Scenario, called: Sequence[str] = ()) -> tuple[Happened, str | None, str]:
+    """Tell what happened: the AV's contact; the striker, "av", "bv" or "mutual"; and in words how fast both were.
 
     Args:
         scenario: The motion.
         called: What the vehicles are called, by slot; empty: by their slots.
+
+    Returns:
+        Contact, striker (None: no crash of the AV), and words.
     """
     happened = happened_in(scenario)
     if happened.frame is None or happened.pose is None or happened.partner is None:
-        return f"no crash of the AV in {FRAME_S * (len(scenario.x) - 1):.1f} s"
-    frame, column = crash_frame(scenario)
+        return happened, None, f"no crash of the AV in {FRAME_S * (len(scenario.x) - 1):.1f} s"
+    frame, column = scenario.contact()
     name = f"({plain_text(called[happened.partner], _LONGEST_NAME)})" if called else f"in slot {happened.partner}"
     other = f"the {CLASSES[int(scenario.kind[column])].name} {name}"
     speeds = happened.pose[:, 2]
+    striker = crash_type_of(scenario)[1]
     struck = {
         "av": f"the AV, at {speeds[0]:.1f} m/s, strikes {other}, at {speeds[1]:.1f} m/s",
         "bv": f"{other}, at {speeds[1]:.1f} m/s, strikes the AV, at {speeds[0]:.1f} m/s",
         "mutual": f"the AV, at {speeds[0]:.1f} m/s, and {other}, at {speeds[1]:.1f} m/s, strike each other",
-    }[str(_striker(scenario))]
-    return f"crash after {FRAME_S * frame:.1f} s: {struck} ({what_happened(scenario)})"
+    }[striker]
+    return happened, striker, f"crash after {FRAME_S * frame:.1f} s: {struck} ({what_happened(scenario)})"

@@ -102,9 +102,9 @@ def _library(old: Path, new: Path, progress: Progress) -> tuple[int, str]:
         tracks = _with_starts(_with_bodies(tracks, manifest.odd), manifest.odd)
         tracks = _as_now(tracks, motion, {}, old / shard.tracks_file.name)
         crashes, end = len(library) + shard.cases, shard.last_test + 1
-        encoded = encode_tables(cases, tracks, own)
+        encoded = encode_tables(cases, tracks)
         library.append_shard(encoded, next_test=end, tests=max(end, crashes), crashes=crashes)
-    library.append([], next_test=manifest.next_test, tests=manifest.tests, crashes=manifest.crashes)
+    library.append_shard(None, next_test=manifest.next_test, tests=manifest.tests, crashes=manifest.crashes)
     if manifest.finished:
         library.finish()
     listed = {MANIFEST, *(file.name for shard in manifest.shards for file in (shard.cases_file, shard.tracks_file))}

@@ -18,8 +18,9 @@ from cornerforge.analysis.shrink import shrink as shrink_script
 from cornerforge.errors import CornerForgeError, InputError, ReplayError
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import code_hash, config_hash, provenance, version, write_json
-from cornerforge.library import CaseLibrary, CaseRecord, StoredCase, case_record
+from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.filling import MODEL_FILE
+from cornerforge.library.harvester import CaseRoom, Scalar
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
 from cornerforge.ndd.model import save_model
 from cornerforge.results import ShrunkLibrary
@@ -142,22 +143,22 @@ def _fill(source: CaseLibrary, run: Experiment, shrunk: CaseLibrary, ids: Sequen
     """Shrink cases and store them; when the work is stopped, store the finished ones."""
     again = driver_of_cases(run)
     driver = run.script_driver()
-    loose: list[CaseRecord] = []
+    room = CaseRoom(run.slots, driver.max_decisions)
 
     def commit() -> None:
-        if loose:
-            next_test = int(str(loose[-1].case["test"])) + 1
-            done = shrunk.tests + len(loose)
-            shrunk.append(loose, next_test=next_test, tests=done, crashes=done, shard_cases=_SHARD_CASES)
-            loose.clear()
+        if len(room):
+            cases, tracks = room.tables()
+            next_test, done = cases["test"][-1].as_py() + 1, shrunk.tests + len(room)
+            shrunk.fill(cases, tracks, next_test=next_test, tests=done, crashes=done, shard_cases=_SHARD_CASES)
+            room.clear()
 
     committed_at = time.monotonic()
     try:
         for done, case_id in enumerate(ids):
             stored = source.scenario(case_id)
             small = shrink_script(driver, _script(stored, _check_same(stored, again), driver))
-            loose.append(_record(small))
-            if len(loose) == _SHARD_CASES or time.monotonic() - committed_at >= _COMMIT_SECONDS:
+            room.add(driver, _columns(small), start=small.script.start, poses=small.script.poses)
+            if len(room) == _SHARD_CASES or time.monotonic() - committed_at >= _COMMIT_SECONDS:
                 commit()
                 committed_at = time.monotonic()
             progress("shrink", done + 1, len(ids))
@@ -183,8 +184,7 @@ def _check_same(stored: StoredCase, again: Callable[[StoredCase], Scenario]) -> 
     driven = again(stored)
     if not is_same(driven, stored):
         raise ReplayError(
-            f"Case {driven.seed}:{driven.test}, driven again, is not what is stored; install the version that made the "
-            "library."
+            f"Case {driven.case_id}, driven again, is not what is stored; install the version that made the library."
         )
     return driven
 
@@ -195,25 +195,20 @@ def _script(stored: StoredCase, driven: Scenario, driver: ScriptDriver) -> Scrip
     return stored.script or Script(driven.slot, driver.start_of_test(seed, test), driven.action, seed, test)
 
 
-def _record(small: Shrunk) -> CaseRecord:
-    """Make the library's record of a shrunk case."""
+def _columns(small: Shrunk) -> dict[str, Scalar]:
+    """Make the own columns of a shrunk case."""
     before, after = small.before, small.after
-    return case_record(
-        small.scenario,
-        start=small.script.start,
-        poses=small.script.poses,
-        extra={
-            "crash_type": small.crash_type,
-            "striker": small.striker,
-            "cause": small.cause,
-            "deviating_actions": after.deviating_actions,
-            "source_n_vehicles": before.vehicles,
-            "source_n_decisions": before.decisions,
-            "source_crash_time_s": before.seconds,
-            "source_deviating_actions": before.deviating_actions,
-            "source_log_prob_nde": before.log_prob_nde,
-        },
-    )
+    return {
+        "crash_type": small.crash_type,
+        "striker": small.striker,
+        "cause": small.cause,
+        "deviating_actions": after.deviating_actions,
+        "source_n_vehicles": before.vehicles,
+        "source_n_decisions": before.decisions,
+        "source_crash_time_s": before.seconds,
+        "source_deviating_actions": before.deviating_actions,
+        "source_log_prob_nde": before.log_prob_nde,
+    }
 
 
 def _rows(shrunk: CaseLibrary, ids: Sequence[str]) -> tuple[ShrunkCase, ...]:

@@ -57,7 +57,7 @@ class StoredScripts:
             start = self._starts.start_of_test(case.seed, case.test)
             if np.abs(along(case.x[0], start["x"][case.slot])).max() > _SAME_M:
                 raise ReplayError(
-                    f"Case {case.seed}:{case.test} does not begin as stored; install the version that made the library."
+                    f"Case {case.case_id} does not begin as stored; install the version that made the library."
                 )
             action = np.full((len(case.action), start.size), NATURAL, dtype=np.int8)
             action[:, case.slot] = case.action

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from cornerforge.analysis.avoidability import WayOut
 from cornerforge.errors import InputError, MissingExtraError
 from cornerforge.ext.pictures.film import check_film, film
-from cornerforge.report.judged import WayOut
 from cornerforge.types import Scenario
 
 __all__ = ["Shown", "formats", "made", "packed"]

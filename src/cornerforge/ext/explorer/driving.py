@@ -52,10 +52,9 @@ class Driving:
 
         Motion lasts until the recording ends or it is touched; times are since the begin of the test [s].
         """
-        from cornerforge.analysis.avoidability import AvoidParams
+        from cornerforge.analysis.avoidability import AvoidParams, WayOut
         from cornerforge.analysis.prevented import driven_by
         from cornerforge.report.cases import first_shown, ghost
-        from cornerforge.report.judged import WayOut
 
         scenario = stored.scenario
         first, crash = first_shown(scenario), 0.0 if scenario.crash is None else scenario.crash.time

@@ -24,7 +24,6 @@ from cornerforge.library.query import Asker
 from cornerforge.report import text
 from cornerforge.report.cases import case_data, first_shown
 from cornerforge.report.judged import JUDGED, judgement_of, verdict
-from cornerforge.report.moments import partner_of
 from cornerforge.types import Scenario
 
 __all__ = ["Exhibit", "UnknownKeyError"]
@@ -175,12 +174,11 @@ class Exhibit:
         with self._drives.turn():
             scenario = self.driving.with_av(of, stored, av)
         key = f"{source}/{case_id}@{av}"
-        first, struck = first_shown(stored.scenario), partner_of(stored.scenario)
+        first, struck = first_shown(stored.scenario), stored.scenario.partner
         partner = None if struck is None else int(stored.scenario.slot[struck])
         data = case_data(key, scenario, first=min(first, len(scenario.x) - 1), partner=partner)
-        crashed = scenario.crash is not None and scenario.crash.slot_a == 0
         seconds = "" if scenario.crash is None else f" after {scenario.crash.time:.1f} s"
-        title = f"{av}: " + (f"it crashes{seconds}" if crashed else "it does not crash")
+        title = f"{av}: " + (f"it crashes{seconds}" if scenario.partner is not None else "it does not crash")
         return data | {"key": key, "title": title, "verdict": "", "facts": []}
 
     def download(self, source: str, case_id: str, name: str) -> tuple[str, str, bytes]:

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
+from cornerforge.analysis.avoidability import WayOut
 from cornerforge.analysis.stored import CASES_FILE, POINTS_FILE, WITNESSES_FILE, read_analysed
 from cornerforge.errors import FileFormatError
 from cornerforge.library import CaseLibrary, StoredCase
-from cornerforge.report.judged import WayOut
 from cornerforge.results import Analysed
 from cornerforge.results.stating import from_file
 

@@ -11,7 +11,6 @@ from typing import Any
 
 from cornerforge._options import verb
 from cornerforge.analysis.crash_types import STRIKERS
-from cornerforge.analysis.mechanism import crash_types_of
 from cornerforge.errors import DataError
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import check_new_folder, open_output, provenance, whole_or_nothing, write_json
@@ -20,7 +19,6 @@ from cornerforge.ext.interchange.moments import Moments, critical_moments
 from cornerforge.ext.interchange.moving_cases import NO_CRASH, CaseOutcome, CasesDriven, library_of
 from cornerforge.ext.interchange.options import FromData
 from cornerforge.ext.interchange.recorded_traffic import Traffic, TrafficFile, read_traffic
-from cornerforge.library import CaseLibrary
 from cornerforge.library.case_file import CaseFile, Happened, of_moving, write_case_file
 from cornerforge.library.out_case import MovingCase, script_of
 from cornerforge.results.imported import CasesFromData, DataFileRead, MomentOfData
@@ -128,19 +126,6 @@ def _read(traffic: Sequence[Traffic]) -> tuple[DataFileRead, ...]:
     return tuple(rows)
 
 
-def _strikers(driven: CasesDriven) -> dict[str, str]:
-    """Striking vehicle of each case that ended in a crash, by the case's name."""
-    found: dict[str, str] = {}
-    libraries: dict[Path, CaseLibrary] = {}
-    for one in driven.cases:
-        if one.library is not None and one.case_id is not None:
-            if one.library not in libraries:
-                libraries[one.library] = CaseLibrary.open(one.library)
-            types = crash_types_of([libraries[one.library].scenario(one.case_id).scenario])
-            found[one.name] = STRIKERS[int(types.striker[0])]
-    return found
-
-
 def _number(facts: Mapping[str, Any], name: str) -> float | None:
     value = facts[name]
     return None if value is None else float(value)
@@ -150,7 +135,6 @@ def _result(
     traffic: Sequence[Traffic], found: Moments, written: Sequence[Path], driven: CasesDriven, measure: str,
     place: Path, seconds: float,
 ) -> CasesFromData:  # fmt: skip
-    strikers = _strikers(driven)
     rows = []
     for case, file, outcome in zip(found.cases, written, driven.cases, strict=True):
         facts = case.facts
@@ -169,12 +153,12 @@ def _result(
                 thw_s=_number(facts, "thw_s"),
                 contact_s=_number(facts, "contact_s"),
                 outcome=outcome.outcome,
-                striker=strikers.get(case.name),
+                striker=outcome.striker,
                 words=outcome.words,
                 case_id=outcome.case_id,
             )
         )
-    counted = Counter(strikers.values())
+    counted = Counter(one.striker for one in driven.cases)
     return CasesFromData(
         files=_read(traffic),
         measure=measure,

@@ -15,16 +15,15 @@ from cornerforge.errors import AvFaultError, InputError
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import check_new_folder, code_hash, provenance, version, write_json
 from cornerforge.experiment.setting import RECORDED_AV, experiment
-from cornerforge.library import CaseLibrary, CaseRecord, case_record
+from cornerforge.library import CaseLibrary
 from cornerforge.library.case_file import Happened
 from cornerforge.library.filling import MODEL_FILE
-from cornerforge.library.out_case import MovingCase, script_of
-from cornerforge.library.record import Scalar
+from cornerforge.library.harvester import CaseRoom, Scalar
+from cornerforge.library.out_case import MovingCase, recorded_script
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
 from cornerforge.ndd.model import save_model
-from cornerforge.sim import Script
 from cornerforge.types import Odd
-from cornerforge.verbs.drive_case import av_straight_on, crash_in_words, happened_in, known_frames, recorded_drive
+from cornerforge.verbs.drive_case import av_straight_on, known_frames, recorded_drive, told
 from cornerforge.work.progress import NO_PROGRESS, Progress
 from cornerforge.world_options import WorldOptions
 
@@ -46,6 +45,7 @@ class CaseOutcome:
         outcome: CRASH, NO_CRASH or UNKNOWN.
         words: What happened.
         happened: The same as numbers; None where the AV's motion is unknown.
+        striker: Which vehicle strikes: "av", "bv" or "mutual"; None without crash.
         library: Library that holds it; None without crash.
         case_id: Its name there.
     """
@@ -54,6 +54,7 @@ class CaseOutcome:
     outcome: str
     words: str
     happened: Happened | None = None
+    striker: str | None = None
     library: Path | None = None
     case_id: str | None = None
 
@@ -121,16 +122,15 @@ def library_of(
     for odd, numbers in groups:
         run = experiment(options, road=odd, takes_foreign=True, takes_recorded=True, seed=seed)
         try:
-            records = _record_all(run, cases, numbers, found, set_speed, seed, progress, len(cases))
+            room = _record_all(run, cases, numbers, found, set_speed, seed, progress, len(cases))
         finally:
             run.rest()
-        if records:
+        if len(room):
             library = place if len(groups) == 1 else place / f"road-{len(libraries) + 1}"
-            _store(run, library, records, [cases[number] for number in numbers], numbers[-1] + 1, seed)
+            tests = _store(run, library, room, [cases[number] for number in numbers], numbers[-1] + 1, seed)
             libraries.append(library)
-            for record in records:
-                number = int(str(record.case["test"]))
-                found[number] = replace(found[number], library=library, case_id=record.case_id)
+            for number in tests:
+                found[number] = replace(found[number], library=library, case_id=f"{seed}:{number}")
     return CasesDriven(options.av, tuple(libraries), tuple(found[number] for number in range(len(cases))))
 
 
@@ -153,24 +153,24 @@ def _roads(cases: Sequence[MovingCase]) -> list[tuple[Odd, list[int]]]:
 def _record_all(
     run: Experiment, cases: Sequence[MovingCase], numbers: Sequence[int], found: dict[int, CaseOutcome],
     set_speed: float | None, seed: int, progress: Progress, total: int,
-) -> list[CaseRecord]:  # fmt: skip
+) -> CaseRoom:  # fmt: skip
     """Drive the cases of one road; note what became of each in `found`, and return the crashes."""
-    records = []
+    driver = run.script_driver()
+    room = CaseRoom(run.slots, driver.max_decisions)
     for number in numbers:
         case = cases[number]
         progress("cases", len(found), total)
         if run.av.name == RECORDED_AV and not case.av_is_recorded:
             found[number] = CaseOutcome(case.name, UNKNOWN, "what the AV did was not recorded")
             continue
-        script = _script_of(case, set_speed, seed, number)
+        script = recorded_script(case, set_speed=set_speed, seed=seed, test=number)
         try:
-            scenario = recorded_drive(run, script)
+            scenario = recorded_drive(run, driver, script)
         except AvFaultError as error:
             found[number] = CaseOutcome(case.name, UNKNOWN, str(error))
             continue
-        happened = happened_in(scenario)
-        outcome = CRASH if happened.crashed else NO_CRASH
-        found[number] = CaseOutcome(case.name, outcome, crash_in_words(scenario, case.called), happened)
+        happened, striker, words = told(scenario, case.called)
+        found[number] = CaseOutcome(case.name, CRASH if happened.crashed else NO_CRASH, words, happened, striker)
         if happened.crashed:
             source = case.facts.get("source")
             extra: dict[str, Scalar] = {
@@ -180,31 +180,27 @@ def _record_all(
             poses = script.poses
             if poses is not None and case.av_is_recorded:  # a replay as recorded asks for all of it
                 poses = av_straight_on(poses, known_frames(poses))
-            records.append(case_record(scenario, start=script.start, poses=poses, extra=extra))
+            room.add(driver, extra, start=script.start, poses=poses)
     progress("cases", len(found), total)
-    return records
-
-
-def _script_of(case: MovingCase, set_speed: float | None, seed: int, number: int) -> Script:
-    """Make the script; the AV's own rails are as long as it was recorded."""
-    script = script_of(case, set_speed=set_speed, seed=seed, test=number)
-    if script.poses is not None:
-        script.poses[len(case.poses) :, 0] = np.nan
-    return script
+    return room
 
 
 def _store(
-    run: Experiment, place: Path, records: Sequence[CaseRecord], cases: Sequence[MovingCase], next_test: int, seed: int
-) -> None:
+    run: Experiment, place: Path, room: CaseRoom, cases: Sequence[MovingCase], next_test: int, seed: int
+) -> list[int]:
+    """Write the library; return the numbers of its cases."""
     identity = {
         **run.identity(seed), SCRIPTED: True, ON_RAILS: True, "moving_cases": _hash_of(cases),
         "cornerforge": version(), "code": code_hash(),
     }  # fmt: skip
     library = CaseLibrary.create(place, identity, run.odd)
     save_model(run.model, place / MODEL_FILE)
-    library.append(records, next_test=next_test, tests=len(cases), crashes=len(records), shard_cases=_SHARD_CASES)
+    stored, tracks = room.take()
+    library.fill(stored, tracks, next_test=next_test, tests=len(cases), crashes=len(stored), shard_cases=_SHARD_CASES)
     library.finish()
     write_json(place / "provenance.json", provenance(library.identity))
+    tests: list[int] = stored["test"].to_pylist()
+    return tests
 
 
 def _hash_of(cases: Sequence[MovingCase]) -> str:

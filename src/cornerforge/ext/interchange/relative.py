@@ -105,11 +105,8 @@ def manoeuvre_of(scenario: Scenario, reference: NDArray[np.float64]) -> Manoeuvr
         None where the AV touches no vehicle, or where its partner neither changed lanes nor braked, or is not there all
         the time.
     """
-    crash = scenario.crash
-    if crash is None or crash.slot_a != 0:
-        return None
-    column = int(np.flatnonzero(scenario.slot == crash.slot_b)[0])
-    if not scenario.present[:, [0, column]].all():
+    column = scenario.partner
+    if column is None or not scenario.present[:, [0, column]].all():
         return None
     changes, ended = _last_change(scenario, column)
     braking = _last_braking(scenario, column)

@@ -124,10 +124,8 @@ def _lines(scenario: Scenario) -> NDArray[np.float64]:
 
 def _other(scenario: Scenario) -> int | None:
     """Find the column of the vehicle that the AV touches, or of the nearest one; None: it is alone."""
-    if scenario.crash is not None and scenario.crash.slot_a == 0:
-        return int(np.flatnonzero(scenario.slot == scenario.crash.slot_b)[0])
-    if scenario.slot.size == 1:
-        return None
+    if scenario.partner is not None or scenario.slot.size == 1:
+        return scenario.partner
     apart = np.hypot(scenario.x[:, 1:] - scenario.x[:, :1], scenario.y[:, 1:] - scenario.y[:, :1])
     return 1 + int(np.nanargmin(np.where(scenario.present[:, 1:], apart, np.inf).min(axis=0)))
 

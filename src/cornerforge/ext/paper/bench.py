@@ -14,7 +14,7 @@ from typing import Any
 from cornerforge.adversary.config import PRESETS, DqnConfig
 from cornerforge.adversary.worlds import REWARDS, reward_numbers
 from cornerforge.analysis.crash_types import CRASH_TYPES, STRIKERS
-from cornerforge.analysis.mechanism import crash_types_of
+from cornerforge.analysis.mechanism import crash_type_of
 from cornerforge.drivers.avs import AVS, av_hash
 from cornerforge.experiment.counting import drive_tests, rate_summary, simulate_experiment
 from cornerforge.experiment.experiments import Experiment, check_threads
@@ -337,14 +337,10 @@ class Bench:
 
     def _classified(self, run: Experiment, crashed: list[int]) -> dict[str, Any]:
         recorder = run.recorder()
-        scenarios = [recorder.record(self.seed, test) for test in crashed]
-        types: Counter[str] = Counter()
-        strikers: Counter[str] = Counter()
-        if scenarios:
-            found = crash_types_of(scenarios)
-            types, strikers = Counter(found.names), Counter(found.striker_counts())
+        found = [crash_type_of(recorder.record(self.seed, test)) for test in crashed]
+        types, strikers = Counter(kind for kind, _ in found), Counter(striker for _, striker in found)
         return {
-            "typed": len(scenarios),
+            "typed": len(found),
             "crash_types": {name: types[name] for name in CRASH_TYPES.values()},
             "strikers": {name: strikers[name] for name in STRIKERS},
         }

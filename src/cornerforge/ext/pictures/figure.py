@@ -18,7 +18,6 @@ from cornerforge.ext.pictures.printed import CAPTIONS, print_chart
 from cornerforge.ext.pictures.printing import FORMATS, check_print, print_of, width_named
 from cornerforge.ext.pictures.strip import key_moments, strip_figure
 from cornerforge.library import CaseLibrary
-from cornerforge.report.moments import partner_of
 from cornerforge.results.whole import Figured, FiguredOne
 from cornerforge.types import Scenario
 from cornerforge.verbs.analyse import analyse
@@ -117,7 +116,7 @@ def _strip(
 
 def _known(scenario: Scenario, *, steers: bool) -> dict[float, str]:
     """Describe some seconds before the contact; "" where the AV does not crash."""
-    if partner_of(scenario) is None:
+    if scenario.partner is None:
         return {}
     answer = avoidability(scenario, AvoidParams(steers=steers))
     known = {answer.manoeuvre_s: "the manoeuvre begins"}
@@ -127,7 +126,7 @@ def _known(scenario: Scenario, *, steers: bool) -> dict[float, str]:
 
 
 def _caption(case: str, scenario: Scenario) -> str:
-    happened = "" if partner_of(scenario) is None else f": {what_happened(scenario)}"
+    happened = "" if scenario.partner is None else f": {what_happened(scenario)}"
     return (
         f"Case {case}{happened}. Seen from above, to scale, moving with the AV (dark); times are relative to the "
         "contact, lines behind vehicles are their paths of the last second, dashed arrows lead to the lane that is "

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._files import writing
+from cornerforge.analysis.avoidability import WayOut
 from cornerforge.ext.pictures.encoders import Format, Picture, check_format, encode
 from cornerforge.ext.pictures.road_view import SCREEN, RoadView, name_of
 from cornerforge.metrics.risk import plane_ttc
 from cornerforge.report.drawing import check_matplotlib
-from cornerforge.report.moments import Moment, Moments, WayOut
+from cornerforge.report.moments import Moment, Moments
 from cornerforge.types import FRAME_S, Scenario
 
 __all__ = ["STANDS_S", "check_film", "film"]

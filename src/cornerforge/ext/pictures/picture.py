@@ -15,7 +15,7 @@ from cornerforge.experiment.output import check_new_file, writing
 from cornerforge.ext.pictures.film import check_film, film
 from cornerforge.geometry import Box
 from cornerforge.report.drawing import BLUE, GREEN, GREY, ORANGE, check_matplotlib, new_figure, png_of, svg_of
-from cornerforge.report.moments import corners_of, partner_of
+from cornerforge.report.moments import corners_of
 from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S, Scenario
 from cornerforge.work.progress import NO_PROGRESS, Progress
@@ -93,7 +93,7 @@ def write_video(
     Raises:
         OutputError: The file cannot be written.
     """
-    if answer is None or partner_of(scenario) is None:
+    if answer is None or scenario.partner is None:
         sentence, way_out = "The AV does not crash.", None
     else:
         sentence = case_in_words(scenario, avoidance_in_words(answer.label, answer.latest_s))
@@ -122,9 +122,9 @@ def avoidance_figure(scenario: Scenario, answer: Avoidability) -> Any:
         InputError: The scenario holds no crash of the AV.
         MissingExtraError: matplotlib is not installed.
     """
-    partner = partner_of(scenario)
+    partner = scenario.partner
     if scenario.crash is None or partner is None:
-        raise InputError(f"Test {scenario.seed}:{scenario.test} holds no crash of the AV; there is nothing to draw.")
+        raise InputError(f"Test {scenario.case_id} holds no crash of the AV; there is nothing to draw.")
     drawing, (above, below) = new_figure(2, 1, 9.5, 6.4)
     last = round(scenario.crash.time / FRAME_S)
     begin_s = max(min(answer.manoeuvre_s, _LONGEST_BEFORE_S), answer.latest_s or 0.0, _BEFORE_S)
@@ -132,7 +132,7 @@ def avoidance_figure(scenario: Scenario, answer: Avoidability) -> Any:
     above.get_gridspec().set_height_ratios([1.0, 1.5])
     _draw_road(above, scenario, answer, first, last, partner)
     _draw_speeds(below, scenario, answer, first, last, partner)
-    title = f"case {scenario.seed}:{scenario.test}: {_in_words(answer)}"
+    title = f"case {scenario.case_id}: {_in_words(answer)}"
     drawing.suptitle(title, fontsize=9, x=0.01, ha="left")
     return drawing
 

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.report.moments import Moment, Moments, WayOut, overlap_of
+from cornerforge.analysis.avoidability import WayOut
+from cornerforge.report.moments import Moment, Moments, overlap_of
 from cornerforge.types import FRAME_S, TRUCK, Scenario
 
 __all__ = ["PRINT", "SCREEN", "Look", "RoadView", "draw_moment", "name_of"]

@@ -39,7 +39,7 @@ def key_moments(scenario: Scenario, known: Mapping[float, str]) -> dict[float, s
     """
     moments = Moments(scenario)
     if moments.contact is None:
-        raise InputError(f"Test {scenario.seed}:{scenario.test} holds no crash of the AV; name moments by --times.")
+        raise InputError(f"Test {scenario.case_id} holds no crash of the AV; name moments by --times.")
     found = {round(before, 1): what for before, what in known.items() if 0.0 < before <= moments.contact}
     since = max(found, default=3.0)
     brakes = _first_braking(scenario, moments.contact, since)

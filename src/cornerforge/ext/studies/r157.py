@@ -31,8 +31,9 @@ from cornerforge.experiment.setting import AV_LOG, experiment, road_of
 from cornerforge.ext.studies.options import R157
 from cornerforge.ext.studies.r157_roads import closing_at_least, cut_in_density
 from cornerforge.ext.studies.r157_scenarios import FAMILIES, Driven, Panel, panels, rails_of_panel, road_of_r157
-from cornerforge.library import CaseLibrary, CaseRecord, case_record
+from cornerforge.library import CaseLibrary
 from cornerforge.library.filling import MODEL_FILE
+from cornerforge.library.harvester import CaseRoom
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
 from cornerforge.ndd.model import save_model
 from cornerforge.results import Regulated
@@ -157,16 +158,16 @@ def _open_library(run: Experiment, place: Path, seed: int) -> CaseLibrary:
 def _keep(run: Experiment, one: Driven, rails: Rails, library: CaseLibrary, seed: int) -> None:
     """Record the scenarios that the AV fails in, and store them."""
     recorder = run.recorder()
-    records: list[CaseRecord] = []
+    room = CaseRoom(run.slots, int(run.setting.road.max_decisions))
     columns = _columns(one)
     for k in np.flatnonzero(one.failed).tolist():
-        scenario = recorder.record(seed, one.panel.first + k)
+        recorder.drive(seed, one.panel.first + k)
         extra = {name: values[k] for name, values in columns.items()}
         # All of the rails: another AV may go on where this one crashed.
-        records.append(case_record(scenario, start=rails.start[k], poses=rails.poses[k], extra=extra))
+        room.add(recorder, extra, start=rails.start[k], poses=rails.poses[k])
     after = one.panel.first + len(one.panel)
-    done, crashes = library.tests + len(one.panel), library.crashes + len(records)
-    library.append(records, next_test=after, tests=done, crashes=crashes, shard_cases=_SHARD_CASES)
+    done, crashes = library.tests + len(one.panel), library.crashes + len(room)
+    library.fill(*room.take(), next_test=after, tests=done, crashes=crashes, shard_cases=_SHARD_CASES)
 
 
 def _columns(one: Driven) -> dict[str, list[Any]]:

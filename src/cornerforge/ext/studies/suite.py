@@ -21,8 +21,9 @@ from cornerforge.experiment.output import check_new_folder, code_hash, config_ha
 from cornerforge.ext.studies.options import SuiteBuild
 from cornerforge.ext.studies.suite_choice import LeftOut, choose, leave_one_out, rank_agreement
 from cornerforge.foreign.spec import with_av
-from cornerforge.library import CaseLibrary, CaseRecord, case_record
+from cornerforge.library import CaseLibrary
 from cornerforge.library.filling import MODEL_FILE
+from cornerforge.library.harvester import CaseRoom
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
 from cornerforge.ndd.model import model_hash, save_model
 from cornerforge.results.suite import LeftOutAll, LeftOutAv, SuiteAv, SuiteBuilt
@@ -275,21 +276,21 @@ def _stored(
         CornerForgeError: An AV does not crash again, or the place cannot be written.
     """
     drivers = [(StoredScripts(cases, run), run.script_driver()) for cases, run in sources]
-    records: list[CaseRecord] = []
+    first = sources[0].maker
+    room = CaseRoom(first.slots, int(first.setting.road.max_decisions))
     for test, (source, case) in enumerate(chosen):
         scripts, driver = drivers[source]
         cases, maker = sources[source]
         script = replace(scripts.of(cases.scenario(case)), seed=0, test=test)
-        scenario, _ = driver.record(script)
-        if scenario.crash is None or scenario.crash.slot_a != 0:
+        if driver.record(script)[0].partner is None:
             raise ReplayError(f"Case {case} of {cases.path}: {maker.av.name} crashed in it and now does not.")
         extra = {"source": cases.path.name, "source_case": case, "source_av": maker.av.name}
-        records.append(case_record(scenario, start=script.start, poses=script.poses, extra=extra))
+        room.add(driver, extra, start=script.start, poses=script.poses)
         progress("writing the suite", test + 1, len(chosen))
     suite = CaseLibrary.create(place, identity, sources[0].cases.odd)
-    n = len(records)
-    suite.append(records, next_test=n, tests=n, crashes=n, shard_cases=_SHARD_CASES)
-    save_model(sources[0].maker.model, place / MODEL_FILE)
+    n = len(room)
+    suite.fill(*room.take(), next_test=n, tests=n, crashes=n, shard_cases=_SHARD_CASES)
+    save_model(first.model, place / MODEL_FILE)
     suite.finish()
     for one in sources:
         one.maker.rest()
