@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from cornerforge.execution.progress import NO_PROGRESS, Progress
 from cornerforge.experiment.setting import experiment
 from cornerforge.ext.calibrate.decisions import Decisions
 from cornerforge.ext.calibrate.fit import DEFAULT_PRIOR_STRENGTH, fit_model
@@ -28,6 +27,7 @@ from cornerforge.rates.exposure import SAMPLE_TESTS, bv_travel
 from cornerforge.rates.monte_carlo import drive_block
 from cornerforge.results.naturalistic import FitTraffic, FitVariant, HeldOutScore
 from cornerforge.types import ACCELERATIONS
+from cornerforge.work.progress import NO_PROGRESS, Progress
 
 __all__ = ["OVERLOOK_FACTORS", "STRENGTHS", "WINDOW_FACTORS", "fit_sensitivity", "traffic_crashes"]
 
