@@ -74,7 +74,7 @@ class Closed(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Shown(TypedDict, total=False):
-    """What is said of an option besides its meaning, its unit and its range.
+    """Facts on an option besides its meaning, its unit and its range.
 
     Attributes:
         more: Further sentences for docstrings alone.

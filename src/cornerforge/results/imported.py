@@ -46,7 +46,7 @@ class Refused(Declared):
 
 
 class CasesBrought(Declared):
-    """What became of the AV in cases that were brought from elsewhere."""
+    """Facts on the AV in cases that were brought from elsewhere."""
 
     av: Annotated[str, meant('The AV that drove; "recorded": whatever was in its seat.')]
     crashes: Annotated[Whole, meant("Cases that end in a crash of the AV.")]
