@@ -68,6 +68,7 @@ class _Keeper:
 
     def catch_up(self, counts: MonteCarlo, progress: Progress) -> None:
         """Drive every crash of `counts` that is not kept yet again, and keep it."""
+        self._room.clear()  # an earlier call may have been interrupted
         missing = [test for test in counts.crashed if test >= self._next_test]
         for done, test in enumerate(missing, start=1):
             study = self._crashes.record(test)[1]
