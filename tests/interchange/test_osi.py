@@ -223,7 +223,7 @@ def test_the_av_must_be_held_throughout(tmp_path: Path) -> None:
         read_osi(stream(tmp_path / "t.osi", gone), road=place)
     with pytest.raises(DataError, match=r"frame \d+: the AV, object 0, drives backwards"):
         read_osi(scene(tmp_path / "t.osi", replace(AV, vx=2.0, ax=-1.0)), road=place)
-    with pytest.raises(DataError, match="the AV does not drive in the direction of its lane, -2"):
+    with pytest.raises(DataError, match=r"AV starts in lane -2 \(driving\), which is not driven its way"):
         read_osi(scene(tmp_path / "t.osi", replace(AV, yaw=np.pi, vx=-20.0)), road=place)
     late = scene(tmp_path / "t.osi", AV, AHEAD, spans={0: (1.0, 3.0)})
     case = read_osi(late, road=place)
@@ -250,7 +250,7 @@ ROADS = {
     "end": (road(begin=-2950), r"no such lane is there any more"),
     "junction": (road().replace('rule="RHT"', 'rule="RHT" junction="9"'), r"road 1 in junction 9 \(straight; line"),
     "one wide lane": (road([lane(-1, width=8.0)]), r"road\.xodr, line 1: lanes are 8 m wide"),
-    "reversed lane": (road([lane(-1), lane(-2, more='direction="reversed"'), lane(-3)]), r"direction of its lane, -2"),
+    "reversed lane": (road([lane(-1), lane(-2, more='direction="reversed"'), lane(-3)]), r"in lane -2 \(driving\)"),
     "no direction": (road([lane(-1, more='direction="up"')]), r'lane -1 has direction "up"'),
     "a lane ends": (
         road().replace("</laneSection>", f'</laneSection><laneSection s="560"><right>{lane(-1)}</right></laneSection>'),

@@ -316,7 +316,7 @@ def frame_of(
     where = f"{roads.file}, line {road.line}"
     if not road.driven(s, spot.lane, way):
         kind = road.section(s).lanes[spot.lane].kind
-        raise DataError(f"{where}: the AV does not drive in the direction of its lane, {spot.lane} ({kind}).")
+        raise DataError(f"{where}: the AV starts in lane {spot.lane} ({kind}), which is not driven its way.")
     direction = spot.piece.heading + (0.0 if way > 0 else math.pi)
     offset = np.zeros((0, 2)) if others is None else others - np.array([x, y])
     aside = offset @ np.array([-math.sin(direction), math.cos(direction)])

@@ -331,7 +331,7 @@ class _Scene:
         )
 
     def _in_lanes(self, pose: Floats, body: Body) -> Bools:
-        """Where its box lies over the lanes of the case (F,)."""
+        """Frames in which its box lies over the lanes of the case, bool (F,)."""
         cos, sin = np.abs(np.cos(pose[:, HEADING])), np.abs(np.sin(pose[:, HEADING]))
         half = 0.5 * (body.size[0] * sin + body.size[1] * cos)
         return np.asarray((pose[:, Y] + half > 0.0) & (pose[:, Y] - half < self.frame.lanes * self.frame.lane_width))

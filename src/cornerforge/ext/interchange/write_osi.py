@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -31,8 +31,8 @@ _CIVIL = 2
 _HEIGHTS = (1.5, 3.5, 1.5)
 _AXLE = 0.3
 """Distance of an axle from the middle, as a part of the length."""
-_TOPIC = "ground_truth"
-_TRACE, _CHANNEL = "net.asam.osi.trace", "net.asam.osi.trace.channel"
+_TRACE = "net.asam.osi.trace"
+"""Prefix of the names under which the standard wants versions in an MCAP file."""
 
 
 def write_osi(case: OutCase, path: Path) -> tuple[str, str]:
@@ -51,11 +51,16 @@ def write_osi(case: OutCase, path: Path) -> tuple[str, str]:
     """
     scenario = case.scenario
     made = message_class(GROUND_TRUTH)
-    write = _write_mcap if path.suffix == ".mcap" else _write_stream
     there = scenario.x[scenario.present]
     road = write_road_once(scenario.odd, path.parent, float(there.min()), float(there.max()))
-    with writing(path, "the trace") as part:
-        write(part, case, (_message(made, scenario, frame, road) for frame in range(len(scenario.x))))
+    messages = (
+        _message(made, scenario, frame, road).SerializeToString(deterministic=True) for frame in range(len(scenario.x))
+    )
+    with writing(path, "the trace") as part, part.open("wb") as file:
+        if path.suffix == ".mcap":
+            _write_mcap(file, case, messages)
+        else:
+            file.writelines(len(content).to_bytes(4, "little") + content for content in messages)
     return path.name, road
 
 
@@ -64,38 +69,25 @@ def _time(frame: int) -> int:
     return frame * _NANOS // round(1.0 / FRAME_S)
 
 
-def _write_stream(part: Path, case: OutCase, messages: Iterator[Any]) -> None:
-    del case
-    with part.open("wb") as file:
-        for message in messages:
-            content = message.SerializeToString(deterministic=True)
-            file.write(len(content).to_bytes(4, "little") + content)
-
-
-def _write_mcap(part: Path, case: OutCase, messages: Iterator[Any]) -> None:
+def _write_mcap(file: BinaryIO, case: OutCase, messages: Iterator[bytes]) -> None:
     try:
         from google.protobuf import __version__ as protobuf
         from mcap.writer import Writer
     except ImportError as error:
         raise MissingExtraError("mcap", "osi") from error
     version = ".".join(map(str, VERSION))
-    bounds = {
-        f"{end}_{of}_version": said for end in ("min", "max") for of, said in (("osi", version), ("protobuf", protobuf))
-    }
-    with part.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        writer.add_metadata(_TRACE, {"version": version, **bounds})
-        writer.add_metadata(
-            "cornerforge", {name: str(value) for name, value in case.facts.items() if value is not None}
-        )
-        schema = writer.register_schema(GROUND_TRUTH, "protobuf", schema_bytes())
-        about = {f"{_CHANNEL}.osi_version": version, f"{_CHANNEL}.protobuf_version": protobuf}
-        channel = writer.register_channel(_TOPIC, "protobuf", schema, about)
-        for frame, message in enumerate(messages):
-            content = message.SerializeToString(deterministic=True)
-            writer.add_message(channel, _time(frame), content, _time(frame))
-        writer.finish()
+    of = {"osi_version": version, "protobuf_version": protobuf}
+    writer = Writer(file)
+    writer.start()
+    bounds = {f"{end}_{name}": said for end in ("min", "max") for name, said in of.items()}
+    writer.add_metadata(_TRACE, {"version": version, **bounds})
+    writer.add_metadata("cornerforge", {name: str(fact) for name, fact in case.facts.items() if fact is not None})
+    schema = writer.register_schema(GROUND_TRUTH, "protobuf", schema_bytes())
+    about = {f"{_TRACE}.channel.{name}": said for name, said in of.items()}
+    channel = writer.register_channel("ground_truth", "protobuf", schema, about)
+    for frame, content in enumerate(messages):
+        writer.add_message(channel, _time(frame), content, _time(frame))
+    writer.finish()
 
 
 def _message(made: Any, scenario: Scenario, frame: int, road: str) -> Any:
