@@ -201,14 +201,8 @@ class NddShown(Declared):
     figures: Annotated[tuple[str, ...], meant("Files of the figures; none without `--out`; not in `numbers.json`.")]
 
 
-<<<<<<< ours
 class ImportReport(Declared):
-    """What of a naturalistic model came from which published array."""
-=======
-@dataclass(frozen=True, kw_only=True)
-class ImportReport:
     """Sources of the parts of a naturalistic model that was made of published arrays."""
->>>>>>> theirs
 
     files: Annotated[
         dict[str, dict[str, float | str]],
@@ -317,14 +311,8 @@ class FitVariant(Declared):
     traffic: Annotated[FitTraffic | None, meant("How often its traffic crashes; null: it was not driven.")]
 
 
-<<<<<<< ours
 class FitReport(Declared):
-    """What went into a fit of a naturalistic model, and what came out."""
-=======
-@dataclass(frozen=True, kw_only=True)
-class FitReport:
     """Inputs and results of a fit of a naturalistic model."""
->>>>>>> theirs
 
     rows_read: Annotated[Whole, meant("Rows of all files.")]
     rows_used: Annotated[Whole, meant("Rows that passed every check.")]
