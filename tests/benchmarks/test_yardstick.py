@@ -53,7 +53,7 @@ def final_state(held: World | Memory, info: np.ndarray) -> tuple[bytes, ...]:
 def info_of(world: World, scratch: Scratch) -> np.ndarray:
     """What the yardstick has in `info`."""
     numbers = [world.state[name] for name in INFO]
-    return np.concatenate([*numbers, world.av_lead, world.av_rear, scratch.front])
+    return np.concatenate([*numbers, world.av["lead"][0], world.av["rear"][0], scratch.front])
 
 
 class Happened(NamedTuple):

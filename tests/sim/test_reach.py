@@ -81,7 +81,7 @@ def test_who_is_noted_as_the_avs_neighbour_is_it_all_second(model: NddModel) -> 
         bound_motion(world, 8.0, 2.0, scratch)
         find_pairs(world, road, scratch)
         choose_current(world, scratch, False, road)
-        lanes = [lane for lane in range(3) if world.av_lead[lane] != UNKNOWN]
+        lanes = [lane for lane in range(3) if world.av["lead"][0, lane] != UNKNOWN]
         noted += len(lanes)
         for substep in range(SUBSTEPS):
             for i in range(v.size):

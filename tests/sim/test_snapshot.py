@@ -205,11 +205,11 @@ def test_a_world_with_other_fields_is_refused_in_one_line(model: NddModel) -> No
         ("state.controlled", 49),
         ("state.outcome", 8),
         ("state.test", -1),
-        ("state.av_controls", np.nan),
+        ("av.controls", np.nan),
         ("state.n_seen", 49),
         ("order", 49),
         ("pair_b", -1),
-        ("av_lead", 49),
+        ("av.lead", 49),
         ("seen.y", np.nan),
     ],
 )

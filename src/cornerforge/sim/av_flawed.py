@@ -40,16 +40,16 @@ _LATE, _NOT_BEHIND, _BLIND_SIDE, _FORGETS, _HESITATES = LATE, NOT_BEHIND, BLIND_
 
 @inlined_kernel
 def _notice(w: World, now: int, av: AvNumbers) -> None:
-    """Note for all vehicles since when the AV knows of them (`VEHICLE.noticed`); beyond `NOTICES` it knows of none."""
+    """Note for all vehicles since when the AV knows of them (`World.noticed`); beyond `NOTICES` it knows of none."""
     v = w.vehicles
     for k in range(w.state[0].n_current):
         j = w.current[k]
         if abs(ahead_by(v, 0, j)) > NOTICES:
-            v[j].noticed = 0
-        elif v[j].noticed == 0:
+            w.noticed[j] = 0
+        elif w.noticed[j] == 0:
             room = gap(v, 0, j)
             if av.flaw == _FORGETS or 0.0 < room <= LATE_TTC * (v[0].speed - v[j].speed):
-                v[j].noticed = now
+                w.noticed[j] = now
 
 
 @inlined_kernel
@@ -58,13 +58,13 @@ def _overlooks(w: World, j: int, now: int, av: AvNumbers) -> bool:
     v = w.vehicles
     overlooked = False
     if av.flaw == _LATE:
-        overlooked = v[j].noticed == 0 and gap(v, 0, j) > 0.0
+        overlooked = w.noticed[j] == 0 and gap(v, 0, j) > 0.0
     elif av.flaw == _NOT_BEHIND:
         overlooked = ahead_by(v, 0, j) < 0.0
     elif av.flaw == _BLIND_SIDE:
         overlooked = v[j].y - v[0].y > LEFT
     elif av.flaw == _FORGETS:
-        overlooked = v[j].noticed > 0 and (now - v[j].noticed) * FRAME_S > REMEMBERS
+        overlooked = w.noticed[j] > 0 and (now - w.noticed[j]) * FRAME_S > REMEMBERS
     return overlooked
 
 

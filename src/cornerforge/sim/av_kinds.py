@@ -219,18 +219,18 @@ def _braking_demanded_of_all(w: World, av: AvNumbers) -> float:
 def _careful(w: World, substep: int, road: RoadNumbers, av: AvNumbers, _scratch: AvScratch) -> tuple[float, int]:
     """Follow gently, and brake as the reference driver does from when it sees danger until nothing asks for braking."""
     v = w.vehicles
-    state = w.state[0]
+    state, own = w.state[0], w.av[0]
     lane = v[0].target_lane
     gentle = lead_acceleration(w, 0, v[0].lanes, av.sight, road, av)
     demanded = _braking_demanded_of_all(w, av)
     now = _PER_SECOND * (state.decisions if substep == 0 else state.decisions - 1) + substep + 1
-    if demanded > 0.0 and state.av_alarmed == 0:
-        state.av_alarmed = now
+    if demanded > 0.0 and own.alarmed == 0:
+        own.alarmed = now
     if demanded == 0.0 and gentle >= 0.0:
-        state.av_alarmed = 0
-    if state.av_alarmed == 0:
+        own.alarmed = 0
+    if own.alarmed == 0:
         return gentle, lane
-    since = (now - state.av_alarmed) * FRAME_S
+    since = (now - own.alarmed) * FRAME_S
     step = road.av_substeps * FRAME_S
     hard = braking_of(av.careful, since, demanded, v[0].acceleration, step, own_reaction(av.careful))
     return min(gentle, hard), lane

@@ -61,7 +61,7 @@ TRAITS = ("quantile", "habit", "desired_speed", "change_time", "signals", "away"
 _MOST_FAULTS = 20
 _LEAST_SIZE, _MOST_SIZE = (0.5, 0.3), (30.0, 4.0)
 """Length and width [m] that a vehicle on rails may have."""
-_FOLLOWING = ("x_held", "speed_held", "present", "action", "commanded", "acceleration_held", "noticed")
+_FOLLOWING = ("x_held", "speed_held", "present", "action", "commanded", "acceleration_held")
 START_FIELDS = tuple(name for name in VEHICLE.names or () if name not in _FOLLOWING)
 """Fields of `world.VEHICLE` that make a start, as files hold them: a new one goes to the end. The others follow: a
 vehicle that starts is present, has decided nothing yet, and decides at that moment."""

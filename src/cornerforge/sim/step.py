@@ -154,7 +154,7 @@ def av_acts(w: World, command: float, lane: int, road: RoadNumbers) -> None:
     An AV that steers does what its answer says step by step (`bicycle.steer_on`).
     """
     v = w.vehicles
-    if w.state[0].av_steers:
+    if w.av[0].steers:
         v[0].commanded = command
         return
     hold(v, 0, command, road)
@@ -176,8 +176,8 @@ def _move(w: World, substep: int, setting: Setting) -> None:
     since = substep % road.av_substeps
     if setting.who.av == RECORDED:
         pass
-    elif state.av_steers:
-        steer_on(w, state.av_controls[2 * since], state.av_controls[2 * since + 1], road)
+    elif w.av[0].steers:
+        steer_on(w, w.av[0].controls[2 * since], w.av[0].controls[2 * since + 1], road)
     else:
         move_vehicle(v, 0, (since + 1) * _DT, road)
     if setting.who.others == RAILS:

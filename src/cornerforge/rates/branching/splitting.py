@@ -75,13 +75,12 @@ def _copy(pool: Pool, a: int, b: int) -> None:
     worlds = pool.worlds
     n = worlds.state[a, 0].n_vehicles
     worlds.state[b, 0] = worlds.state[a, 0]
+    worlds.av[b, 0] = worlds.av[a, 0]
     for i in range(n):
         worlds.vehicles[b, i] = worlds.vehicles[a, i]
+        worlds.noticed[b, i] = worlds.noticed[a, i]
         worlds.order[b, i] = worlds.order[a, i]
         worlds.current[b, i] = worlds.current[a, i]
-    for lane in range(worlds.av_lead.shape[1]):
-        worlds.av_lead[b, lane] = worlds.av_lead[a, lane]
-        worlds.av_rear[b, lane] = worlds.av_rear[a, lane]
     for second in range(worlds.state[a, 0].decisions):
         for i in range(n):
             pool.actions[b, second, i] = pool.actions[a, second, i]
