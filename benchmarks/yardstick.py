@@ -24,8 +24,8 @@ from cornerforge.drivers.mobil import MobilNumbers
 from cornerforge.drivers.naturalistic import InitialNumbers, MemoryNumbers
 from cornerforge.drivers.sight import SightNumbers
 from cornerforge.road.straight import RoadNumbers
-from cornerforge.sim.keep import Outcomes, allocate_outcomes
-from cornerforge.sim.setting import NATURALISTIC, NOBODY
+from cornerforge.sim.controllers import NATURALISTIC, NOBODY
+from cornerforge.sim.outcome import Outcomes, allocate_outcomes
 from cornerforge.sim.world import VEHICLE
 from cornerforge.types import ACCELERATIONS, MAX_LANES
 

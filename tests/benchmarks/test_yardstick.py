@@ -14,11 +14,12 @@ from cornerforge.drivers.avs import AVS, av_named
 from cornerforge.ndd.model import Memory as DriverMemory
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.drive import drive_range
-from cornerforge.sim.keep import allocate_outcomes, keep_nothing
+from cornerforge.sim.keep import keep_nothing
+from cornerforge.sim.outcome import AV_CRASH, allocate_outcomes
 from cornerforge.sim.runner import drive_chunk
 from cornerforge.sim.scratch import Scratch, allocate_scratch
 from cornerforge.sim.setting import Setting
-from cornerforge.sim.world import AV_CRASH, World, allocate_worlds, n_slots, world_of
+from cornerforge.sim.world import World, allocate_worlds, n_slots, world_of
 from cornerforge.types import ODDS, Odd, odd_named
 
 pytestmark = pytest.mark.skipif(not has_compiler(), reason=f"no {COMPILER}")

@@ -35,8 +35,8 @@ from cornerforge.foreign.driver import MAX_FAULTS, Fault, ForeignAv
 from cornerforge.foreign.session import seeds_of
 from cornerforge.results.rates import Yield
 from cornerforge.sim import N_OBSERVATION, OUTSIDE, TOLD
+from cornerforge.sim.controllers import UNIFORM
 from cornerforge.sim.scratch import allocate_scratch
-from cornerforge.sim.setting import UNIFORM
 from cornerforge.sim.world import VEHICLE
 from cornerforge.types import Odd
 from cornerforge.verbs.train import evaluate

@@ -40,9 +40,9 @@ from cornerforge.rates.branching.drive import drive_trees
 from cornerforge.rates.branching.population import Plan, Tilt
 from cornerforge.rates.weighted import weighted_rate
 from cornerforge.sim import NATURAL, Script, ScriptDriver, drive_chunk
+from cornerforge.sim.outcome import AV_CRASH
 from cornerforge.sim.scripted import START_FIELDS, TRAITS, scripted_start
 from cornerforge.sim.setting import Setting
-from cornerforge.sim.world import AV_CRASH
 from cornerforge.types import ACTIONS, FIRST_ACCELERATION, Odd
 
 Floats = NDArray[np.float64]

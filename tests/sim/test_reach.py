@@ -18,9 +18,8 @@ from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane
 from cornerforge.sim.reach import bound_motion, choose_current, find_pairs
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.sight import lanes_seen
-from cornerforge.sim.step import SUBSTEPS
 from cornerforge.sim.world import UNKNOWN, World, n_slots
-from cornerforge.types import ODDS, Odd
+from cornerforge.types import ODDS, SUBSTEPS, Odd
 
 ODD = Odd(n_lanes=3)
 SIGHTS = [numbers_of_sight(Sight(by)) for by in ("motion", "decision", "centre")]

@@ -14,9 +14,10 @@ from cornerforge.drivers.idm import desired_gap
 from cornerforge.ext.calibrate.facts import FACTS
 from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.model import NddModel
+from cornerforge.sim.outcome import RUNNING
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import AV, RUNNING, STATE, UNKNOWN, allocate_worlds, n_slots, world_of
+from cornerforge.sim.world import AV, STATE, UNKNOWN, allocate_worlds, n_slots, world_of
 from cornerforge.types import ODDS, Odd
 
 ODD = Odd()

@@ -29,7 +29,8 @@ from cornerforge.sim import (
     simulate,
     world_of,
 )
-from cornerforge.sim.world import RUNNING, UNDRAWN, n_slots
+from cornerforge.sim.outcome import RUNNING, UNDRAWN
+from cornerforge.sim.world import n_slots
 from cornerforge.types import Odd
 
 ODD = Odd()

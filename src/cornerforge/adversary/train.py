@@ -41,13 +41,12 @@ from cornerforge.errors import FileFormatError, InputError, MissingExtraError
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.results.learning import TrainingPoint
 from cornerforge.sim import (
-    N_OBSERVATION,
-    TOLD,
     Setting,
     allocate_scratch,
-    arrays_of,
+    controllers,
     keep_nothing,
     naming_tests,
+    observe,
     warn_of_left_out,
 )
 
@@ -136,7 +135,7 @@ class _Actor:
         self._cases = None if verdict is None else CrashCases(setting, slots, verdict)
         self._scratch = allocate_scratch(slots, setting.who.policy)
         self._keep = keep_nothing(slots)
-        self._actors = allocate_actors(config.worlds, setting, slots, N_OBSERVATION)
+        self._actors = allocate_actors(config.worlds, setting, slots, observe.N_OBSERVATION)
         self._foreign = None if av is None else ForeignCollector(av, setting, slots, self._actors, threads)
         self.finished = self._actors.finished.view(np.int64)
         with naming_tests(self._actors.worlds):
@@ -171,7 +170,7 @@ class _Actor:
     def _own(self) -> dict[str, NDArray[Any]]:
         actors = self._actors
         return {
-            **{f"worlds.{name}": array for name, array in arrays_of(actors.worlds).items()},
+            **{f"worlds.{name}": array for name, array in actors.worlds.arrays().items()},
             "observation": actors.observation,
             "allowed": actors.allowed,
             "actions": actors.history.action,
@@ -247,7 +246,13 @@ def train_adversary(
 
         def worlds(numbers: PolicyNumbers) -> Actor:
             actor = _Actor(
-                setting.with_drivers(critical=TOLD, policy=numbers), slots, config, seed, av, threads, verdict
+                setting.with_drivers(critical=controllers.TOLD, policy=numbers),
+                slots,
+                config,
+                seed,
+                av,
+                threads,
+                verdict,
             )
             stack.callback(actor.close)
             return actor

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge.foreign.session import Steps, answers_per_second
-from cornerforge.sim import NATURAL, SCRIPTED, STEERED, Recorder, World, lockstep, ordered_lane, warn_of_left_out
+from cornerforge.sim import Recorder, World, actions, controllers, lockstep, scripted, warn_of_left_out
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -42,17 +42,17 @@ class ForeignRecorder(Recorder):
         lockstep.drive_answered(self._world, seed, test, answers, self._av.steering(setting), self._scratch, self._keep)
         warn_of_left_out(self._scratch)
 
-    def record_branch(self, seed: int, test: int, actions: NDArray[np.int8], answers: NDArray[np.float64]) -> Scenario:
+    def record_branch(self, seed: int, test: int, taken: NDArray[np.int8], answers: NDArray[np.float64]) -> Scenario:
         """Record a branch of a test's tree: the test from its start on, with other actions of its BVs.
 
         Args:
             seed, test: Names of the test.
-            actions: Of all vehicles at each decision, int8 (K, N); after them BVs do what is likeliest.
+            taken: Of all vehicles at each decision, int8 (K, N); after them BVs do what is likeliest.
             answers: Of the AV, (A, W).
         """
-        script = np.full((int(self._setting.road.max_decisions), actions.shape[1]), NATURAL, dtype=np.int8)
-        script[: len(actions)] = actions
-        setting = self._setting.with_drivers(others=SCRIPTED, script=script)
+        script = np.full((int(self._setting.road.max_decisions), taken.shape[1]), scripted.NATURAL, dtype=np.int8)
+        script[: len(taken)] = taken
+        setting = self._setting.with_drivers(others=controllers.SCRIPTED, script=script)
         self._keep.recording["present"] = 0
         self._answer(seed, test, setting, answers)
         return self._scenario(seed, test)
@@ -79,10 +79,10 @@ class ScriptedSeconds:
 
     def av_lane(self, world: World, setting: Setting) -> int:
         """Find the target lane that the AV chooses at this moment, when the BVs decide."""
-        if self._av.controller == STEERED:  # it chooses none
+        if self._av.controller == controllers.STEERED:  # it chooses none
             return int(world.vehicles[0]["target_lane"])
         order = self._answers(world, setting)[0, 1]
-        return int(ordered_lane(world, 0, int(np.sign(order)), setting.road))
+        return int(actions.ordered_lane(world, 0, int(np.sign(order)), setting.road))
 
     def __call__(self, world: World, setting: Setting) -> None:
         """Advance a running world by one decision of the BVs."""

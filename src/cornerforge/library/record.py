@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cornerforge.errors import InputError
 from cornerforge.library.schema import EXTRA_TYPES, check_extra_name
 from cornerforge.library.tables import tables_of
-from cornerforge.sim import case_of
+from cornerforge.sim import recorder
 from cornerforge.types import Odd, Scenario
 
 __all__ = ["CaseRecord", "Scalar", "case_record", "extra_kinds"]
@@ -82,7 +82,7 @@ def case_record(
         InputError: The scenario holds no AV crash, or an extra name cannot be a column.
     """
     own = {check_extra_name(name): value for name, value in (extra or {}).items()}
-    room = case_of(scenario, whole=start is not None)
+    room = recorder.case_of(scenario, whole=start is not None)
     digests = None if trajectory_digest is None else [trajectory_digest]
     cases, tracks = tables_of(
         room, digests=digests, starts=None if start is None else [start], poses=None if poses is None else [poses]

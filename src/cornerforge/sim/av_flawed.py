@@ -14,12 +14,13 @@ from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.av import must_give_way
 from cornerforge.sim.neighbours import SIGHT
 from cornerforge.sim.sight import lanes_seen
-from cornerforge.types import FRAME_S
+from cornerforge.types import FRAME_S, SUBSTEPS
 
 if TYPE_CHECKING:
+    from cornerforge.drivers.avs import AvNumbers
     from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.scratch import AvScratch
-    from cornerforge.sim.world import AvNumbers, World
+    from cornerforge.sim.world import World
 
 __all__ = ["flawed"]
 
@@ -34,7 +35,6 @@ NOTICES = 100.0
 BEYOND = 1.3
 """How far beyond the line its centre is when the hesitating AV turns back [m]: its body has left the old lane."""
 _SIDES = (1, -1)
-_PER_SECOND = round(1.0 / FRAME_S)
 _LATE, _NOT_BEHIND, _BLIND_SIDE, _FORGETS, _HESITATES = LATE, NOT_BEHIND, BLIND_SIDE, FORGETS, HESITATES
 
 
@@ -109,7 +109,7 @@ def flawed(w: World, substep: int, road: RoadNumbers, av: AvNumbers, _scratch: A
     v = w.vehicles
     state = w.state[0]
     speed = v[0].speed
-    now = _PER_SECOND * (state.decisions if substep == 0 else state.decisions - 1) + substep + 1
+    now = SUBSTEPS * (state.decisions if substep == 0 else state.decisions - 1) + substep + 1
     if av.flaw == _FORGETS or av.flaw == _LATE:
         _notice(w, now, av)
     command = free_acceleration(speed, av.idm)

@@ -18,27 +18,24 @@ from cornerforge.drivers.policy import best_action, q_values
 from cornerforge.drivers.rss import rss_braking, rss_distance
 from cornerforge.road.straight import ahead_by, gap, half_lengths, half_widths, lane_of
 from cornerforge.sim.av import av_decide, lead_acceleration, must_give_way, side_gain
-from cornerforge.sim.av_features import av_order, look_as_av
+from cornerforge.sim.av_features import DECIDES_EVERY, av_order, look_as_av
 from cornerforge.sim.av_flawed import flawed
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane
 from cornerforge.sim.sight import lane_entered
-from cornerforge.types import ACCELERATIONS, FRAME_S
+from cornerforge.types import ACCELERATIONS, FRAME_S, SUBSTEPS
 
 if TYPE_CHECKING:
+    from cornerforge.drivers.avs import AvNumbers
     from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.scratch import AvScratch
-    from cornerforge.sim.world import AvNumbers, World
+    from cornerforge.sim.world import World
 
 __all__ = [
-    "DECIDES_EVERY",
     "built_in_av_decides",
 ]
 
 BESIDE = 2.0
 """A vehicle is beside the AV when their boxes overlap lengthwise, or would if one were this much longer [m]."""
-DECIDES_EVERY = 5
-"""Substeps (0.1 s) between two decisions of the learned AV."""
-_PER_SECOND = round(1.0 / FRAME_S)
 _PLAIN, _CAUTIOUS = AV_KINDS["plain"].code, AV_KINDS["cautious"].code
 _ACCELERATIONS = ACCELERATIONS
 _SIDES = (1, -1)
@@ -223,7 +220,7 @@ def _careful(w: World, substep: int, road: RoadNumbers, av: AvNumbers, _scratch:
     lane = v[0].target_lane
     gentle = lead_acceleration(w, 0, v[0].lanes, av.sight, road, av)
     demanded = _braking_demanded_of_all(w, av)
-    now = _PER_SECOND * (state.decisions if substep == 0 else state.decisions - 1) + substep + 1
+    now = SUBSTEPS * (state.decisions if substep == 0 else state.decisions - 1) + substep + 1
     if demanded > 0.0 and own.alarmed == 0:
         own.alarmed = now
     if demanded == 0.0 and gentle >= 0.0:

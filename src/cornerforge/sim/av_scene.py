@@ -31,11 +31,11 @@ from typing import TYPE_CHECKING, Any
 
 from cornerforge._elementary import sin_cos
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.drivers.sight import VISIBLE
 from cornerforge.geometry import path_at
 from cornerforge.road.straight import distance_left, driven, lane_centre, lane_of
 from cornerforge.sim.av_view import VIEW_COLUMNS, nearest_along, view_of_av
-from cornerforge.sim.sight import VISIBLE
-from cornerforge.sim.world import path_of
+from cornerforge.sim.motion import path_of
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.road.straight import RoadNumbers
-    from cornerforge.sim.world import World
+from cornerforge.sim.world import World
 
 __all__ = [
     "AX",

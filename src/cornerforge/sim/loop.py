@@ -15,20 +15,38 @@ import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel, shared_kernel
 from cornerforge._philox import uniform
-from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND
 from cornerforge.sim.adversaries import choose_action
 from cornerforge.sim.av_kinds import built_in_av_decides
 from cornerforge.sim.chances import action_probabilities, remember_action
+from cornerforge.sim.controllers import (
+    LIKELIEST,
+    NOBODY,
+    POLICY,
+    RAILS,
+    RECORDED,
+    SCRIPTED,
+    TOLD,
+    critical_of,
+    is_outside,
+)
 from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.keep import record_choice
 from cornerforge.sim.neighbours import nearest_bv, sort_by_x
 from cornerforge.sim.observe import allowed_actions, observe, spend_budget
+from cornerforge.sim.outcome import RUNNING
 from cornerforge.sim.rails import name_actions
-from cornerforge.sim.setting import LIKELIEST, NOBODY, POLICY, RAILS, RECORDED, SCRIPTED, TOLD, critical_of, is_outside
 from cornerforge.sim.statistics import count_av, count_choices, count_states, count_travel
-from cornerforge.sim.step import SUBSTEPS, av_acts, begin_to_act, move_on
-from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, RUNNING
-from cornerforge.types import ACCELERATIONS, ACTION_SIDES, FIRST_ACCELERATION, N_ACTIONS
+from cornerforge.sim.step import av_acts, begin_to_act, move_on
+from cornerforge.sim.world import NO_ACTION, NO_VEHICLE
+from cornerforge.types import (
+    ACCELERATIONS,
+    ACTION_SIDES,
+    FIRST_ACCELERATION,
+    HIGHEST_COMMAND,
+    LOWEST_COMMAND,
+    N_ACTIONS,
+    SUBSTEPS,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -15,12 +15,12 @@ from cornerforge.road.straight import road_numbers
 from cornerforge.sim.drive import drive_test
 from cornerforge.sim.harvest import NEAR_M, CaseName, Harvest, Recorded, allocate_harvest, keep_case, keep_driven
 from cornerforge.sim.keep import Decisions, Keep, keep_whole_test
+from cornerforge.sim.outcome import AV_CRASH, BV_CRASH
 from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import Setting
-from cornerforge.sim.step import SUBSTEPS
 from cornerforge.sim.traffic import naming_tests
-from cornerforge.sim.world import AV_CRASH, BV_CRASH, VEHICLE, World, allocate_worlds, n_slots, world_of
-from cornerforge.types import FRAME_S, Crash, Odd, Scenario
+from cornerforge.sim.world import VEHICLE, World, allocate_worlds, n_slots, world_of
+from cornerforge.types import FRAME_S, SUBSTEPS, Crash, Odd, Scenario
 
 __all__ = ["Recorder", "case_of", "recording_of", "scenario_digest", "scenario_of"]
 

@@ -18,16 +18,17 @@ from cornerforge._jit import kernel
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.fields import POSE
 from cornerforge.sim import lockstep
+from cornerforge.sim.controllers import LIKELIEST, NOBODY, RAILS, RECORDED, SCRIPTED, STEERED
 from cornerforge.sim.keep import Keep, allocate_decisions, keep_nothing
 from cornerforge.sim.loop import AV_MUST_ANSWER, MILESTONE, advance
+from cornerforge.sim.outcome import AV_CRASH, RUNNING
 from cornerforge.sim.rails import NO_RAILS, Rails, put_on_rails, rails_of, set_speed_of
 from cornerforge.sim.recorder import scenario_of
 from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
-from cornerforge.sim.setting import LIKELIEST, NOBODY, RAILS, RECORDED, SCRIPTED, STEERED
-from cornerforge.sim.step import SUBSTEPS, allocate_recording, record_frame
+from cornerforge.sim.step import allocate_recording, record_frame
 from cornerforge.sim.traffic import clear_world, reset_world
-from cornerforge.sim.world import AV_CRASH, NO_ACTION, RUNNING, VEHICLE, all_current, allocate_worlds, n_slots, world_of
-from cornerforge.types import N_ACTIONS, Odd, Scenario
+from cornerforge.sim.world import NO_ACTION, VEHICLE, all_current, allocate_worlds, n_slots, world_of
+from cornerforge.types import N_ACTIONS, SUBSTEPS, Odd, Scenario
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

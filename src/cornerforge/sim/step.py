@@ -12,21 +12,13 @@ from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.road.straight import distance_left
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
 from cornerforge.sim.bicycle import steer_on
+from cornerforge.sim.controllers import BUILT_IN, RAILS, RECORDED
 from cornerforge.sim.motion import move_vehicle
+from cornerforge.sim.outcome import AV_CRASH, BV_CRASH, COMPLETED, RUNNING, TIME_UP
 from cornerforge.sim.rails import ride
 from cornerforge.sim.reach import bound_motion, choose_current, find_pairs, pairs_of_av
-from cornerforge.sim.setting import BUILT_IN, RAILS, RECORDED
-from cornerforge.sim.world import (
-    AV_CRASH,
-    BV_CRASH,
-    COMPLETED,
-    RUNNING,
-    TIME_UP,
-    all_current,
-    forget_av_neighbours,
-    list_all,
-)
-from cornerforge.types import ACCELERATIONS, FRAME_S
+from cornerforge.sim.world import all_current, forget_av_neighbours, list_all
+from cornerforge.types import ACCELERATIONS, FRAME_S, SUBSTEPS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,7 +29,6 @@ if TYPE_CHECKING:
     from cornerforge.sim.world import World
 
 __all__ = [
-    "SUBSTEPS",
     "allocate_recording",
     "av_acts",
     "begin_to_act",
@@ -47,7 +38,6 @@ __all__ = [
     "record_frame",
 ]
 
-SUBSTEPS = 10
 _DT = FRAME_S
 _ACCELERATIONS = ACCELERATIONS
 _HARDEST_BRAKING, _STRONGEST_ACCELERATION = 12.0, 10.0

@@ -16,9 +16,10 @@ from cornerforge.drivers.idm import desired_gap
 from cornerforge.errors import UndrawableError
 from cornerforge.ndd.memory import reflected
 from cornerforge.road.straight import half_lengths, lane_centre, part_right, truck_share_in
+from cornerforge.sim.controllers import RAILS, critical_of
+from cornerforge.sim.outcome import RUNNING, UNDRAWN
 from cornerforge.sim.rails import put_on_rails
-from cornerforge.sim.setting import RAILS, critical_of
-from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, RUNNING, UNDRAWN, all_current
+from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, all_current
 from cornerforge.types import CAR, CLASSES, MOTORCYCLE, TRUCK
 
 if TYPE_CHECKING:

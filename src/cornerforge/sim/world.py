@@ -8,12 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.drivers.avs import AvModel, AvNumbers, numbers_of_av
-from cornerforge.drivers.idm import IdmParams
-from cornerforge.drivers.mobil import MobilParams
-from cornerforge.drivers.sight import Sight
-from cornerforge.geometry import Path
-from cornerforge.types import CAR, CLASSES, FRAME_S, MAX_LANES, Odd
+from cornerforge.sim.outcome import IDLE
+from cornerforge.types import CAR, CLASSES, MAX_LANES, SUBSTEPS, Odd
 
 if TYPE_CHECKING:
     from cornerforge.road.straight import RoadNumbers
@@ -23,18 +19,13 @@ __all__ = [
     "SEEN",
     "STATE",
     "VEHICLE",
-    "AvNumbers",
     "World",
     "all_current",
     "allocate_worlds",
-    "arrays_of",
-    "av_numbers",
     "forget_av_neighbours",
     "list_all",
     "moment_of",
     "n_slots",
-    "numbers_of_av",
-    "path_of",
     "world_of",
     "world_row",
 ]
@@ -79,15 +70,6 @@ VEHICLE = _record(
 """One vehicle."""
 
 
-RUNNING, COMPLETED, AV_CRASH, BV_CRASH, TIME_UP = range(5)
-"""Outcome codes. BV_CRASH ends a test only when the controlled BV takes part; others are counted and their vehicles
-removed."""
-AV_FAULT = 5
-"""Outcome code of a test that does not count: an AV from outside raised, hung, or gave no usable answer in it."""
-UNDRAWN = 7
-"""Outcome code of a world with no traffic drawn at the start; `UndrawableError` ends the drive."""
-IDLE = -1
-"""Outcome code of a world that drives no test."""
 NO_VEHICLE = -1
 """Slot number that stands for no vehicle."""
 NO_ACTION = -1
@@ -130,7 +112,7 @@ AV = _record(
     ("command", "f8", "acceleration of that answer [m/s2]"),
     ("steers", "i8", "1 if the program outside steers (`bicycle`)"),
     ("curvature", "f8", "of its way now, to the left positive [1/m]"),
-    ("controls", f"({2 * round(1.0 / FRAME_S)},)f8", "the answer of a program that steers: acceleration [m/s2] and"
+    ("controls", f"({2 * SUBSTEPS},)f8", "the answer of a program that steers: acceleration [m/s2] and"
         " curvature [1/m] for each tenth of a second until it answers again"),
     ("alarmed", "i8", "when a reference driver saw the danger that it reacts to, in tenths of a second since the start"
         " plus 1; 0: it reacts to none"),
@@ -166,6 +148,10 @@ class World(NamedTuple):
     pair_b: NDArray[np.int16]
     seen: NDArray[np.void]
 
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """List the arrays of this world or batch by name, as views; records as bytes."""
+        return {name: array.view(np.uint8) if array.dtype.names else array for name, array in self._asdict().items()}
+
 
 SEEN = _record(
     ("x", "f8", "along the road [m]"),
@@ -181,11 +167,6 @@ SEEN = _record(
 def n_slots(odd: Odd | RoadNumbers) -> int:
     """Compute the vehicle slots per world: the AV, and one vehicle every 40 m of traffic in each lane."""
     return 1 + odd.n_lanes * int(np.ceil(odd.traffic_length / 40.0))
-
-
-def av_numbers(idm: IdmParams, mobil: MobilParams, sight: Sight) -> AvNumbers:
-    """Make the constants of a plain AV (IDM and MOBIL) for the kernels."""
-    return numbers_of_av(AvModel("", "", idm, mobil, sight))
 
 
 def allocate_worlds(n_worlds: int, slots: int) -> World:
@@ -227,11 +208,6 @@ def world_of(worlds: World, b: int = 0) -> World:
     return World._make(array[b] for array in worlds)
 
 
-def arrays_of(worlds: World) -> dict[str, NDArray[Any]]:
-    """List the arrays of a world or a batch by name, as views; records as bytes."""
-    return {name: array.view(np.uint8) if array.dtype.names else array for name, array in worlds._asdict().items()}
-
-
 @inlined_kernel
 def moment_of(w: World) -> int:
     """Compute the `step` of the coming decision's random words (`_philox.block`): its number and the world's branch."""
@@ -267,9 +243,3 @@ def all_current(w: World) -> None:
     """Note that the state of every vehicle is current, and that the AV's neighbours are UNKNOWN."""
     list_all(w)
     forget_av_neighbours(w)
-
-
-@inlined_kernel
-def path_of(v: NDArray[np.void], i: int) -> Path:
-    """Take the coefficients of vehicle i's lateral path."""
-    return v[i].c0, v[i].c1, v[i].c2, v[i].c3, v[i].c4, v[i].c5

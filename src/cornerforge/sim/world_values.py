@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cornerforge.fields import SIZES
-from cornerforge.sim.world import AV_FAULT, IDLE, MAX_BRANCH, NO_ACTION, NO_VEHICLE, UNDRAWN, UNKNOWN, World
+from cornerforge.sim.outcome import AV_FAULT, IDLE, UNDRAWN
+from cornerforge.sim.world import MAX_BRANCH, NO_ACTION, NO_VEHICLE, UNKNOWN, World
 from cornerforge.types import CLASSES, MAX_LANES, N_ACTIONS
 
 __all__ = ["world_fault"]

@@ -41,7 +41,7 @@ from cornerforge.rates.monte_carlo import Block, MonteCarlo
 from cornerforge.rates.plain import PlainTests
 from cornerforge.results import Analysed, NaturalRate, RunDone, Simulated
 from cornerforge.results.whole import Spending, SpentOn
-from cornerforge.sim import Tally, crashed_tests, statistics
+from cornerforge.sim import Tally, runner, statistics
 from cornerforge.types import FRAME_S, METRES_PER_MILE
 from cornerforge.verbs.analyse import analyse
 from cornerforge.verbs.rate import PLAIN_TESTS, rate
@@ -283,7 +283,7 @@ def _drive_natural(
         progress=progress, counting=True,
     ):  # fmt: skip
         frames += int(out.frame.sum(dtype=np.int64))
-        crashed += crashed_tests(start, out)
+        crashed += runner.crashed_tests(start, out)
     return _portion(first, begun, tally, frames, crashed=tuple(crashed), strikes=0, avoidable=0)
 
 

@@ -15,7 +15,7 @@ from cornerforge.experiment.output import check_new_file, code_hash, version
 from cornerforge.experiment.setting import experiment
 from cornerforge.ndd.model import model_hash
 from cornerforge.results import TrainedAv
-from cornerforge.sim import AV_FEATURES_VERSION
+from cornerforge.sim import av_features
 from cornerforge.verbs.options.learning import TrainAv
 from cornerforge.verbs.train import EVALUATION_TESTS, canonical_curve, checkpoint_beside, curve_report
 
@@ -54,7 +54,7 @@ def train_av(options: TrainAv) -> TrainedAv:
         run.setting, run.slots, config, seed=options.seed, threads=check_threads(options.threads),
         max_seconds=max_seconds, progress=curve_report(options.progress, config, max_seconds), checkpoint=checkpoint,
     )  # fmt: skip
-    network = AvNetwork(config.network, result.weights, AV_FEATURES_VERSION)
+    network = AvNetwork(config.network, result.weights, av_features.AV_FEATURES_VERSION)
     about = {
         "cornerforge": version(),
         "code": code_hash(),

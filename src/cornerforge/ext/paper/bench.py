@@ -23,7 +23,7 @@ from cornerforge.experiment.policy_file import Policy, load_policy, policy_hash,
 from cornerforge.experiment.setting import experiment
 from cornerforge.ndd.model import model_hash
 from cornerforge.results import as_json
-from cornerforge.sim import Tally, crashed_tests
+from cornerforge.sim import Tally, runner
 from cornerforge.verbs.train import (
     EVALUATION_TESTS,
     checkpoint_beside,
@@ -301,7 +301,7 @@ class Bench:
             run, tally, f"evaluate ({label})", seed=self.seed, first=EVALUATION_TESTS, tests=tests,
             threads=self.threads, progress=self.progress,
         ):  # fmt: skip
-            crashed += crashed_tests(start, outcomes)
+            crashed += runner.crashed_tests(start, outcomes)
         struck, avoidable = judge(run, self.seed, crashed, reward_numbers("avoidable"), self.threads)
         return {
             **as_json(rate_summary(tally.av_crashes, tally.tests, tally.miles)),

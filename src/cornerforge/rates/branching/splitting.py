@@ -35,7 +35,7 @@ from cornerforge.rates.branching.population import (
 )
 from cornerforge.rates.branching.tilt import draw_branch, draw_start
 from cornerforge.rates.branching.training_data import NO_MOMENT, note_act, note_crash, note_moment
-from cornerforge.sim import AV_CRASH, AV_MUST_ANSWER, MAX_BRANCH, RUNNING, advance, reset_world, steering, world_row
+from cornerforge.sim import AV_MUST_ANSWER, MAX_BRANCH, advance, outcome, reset_world, steering, world_row
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -136,7 +136,7 @@ def _end(row: int, population: Population, tree: Any) -> None:
     state = w.state[0]
     weight = pool.weight[row]
     tree.ended += weight
-    if state.outcome != AV_CRASH:
+    if state.outcome != outcome.AV_CRASH:
         return
     tree.weight += weight
     tree.crashes += 1
@@ -288,7 +288,7 @@ def branch_out(place: int, population: Population, tree: Any) -> int:
             pool.top[place] = top - bottom
             return row
         w = world_row(pool.worlds, row)
-        if w.state[0].outcome != RUNNING:
+        if w.state[0].outcome != outcome.RUNNING:
             _end(row, population, tree)
             top = row
             continue
