@@ -26,6 +26,8 @@ from cornerforge.execution import code_hash
 from cornerforge.foreign.interpreter import in_use
 
 __all__ = [
+    "IDENTITY",
+    "SUMMARY",
     "called_with",
     "check_new_file",
     "check_new_folder",
