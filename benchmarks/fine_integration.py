@@ -16,20 +16,21 @@ import numba
 import numpy as np
 from measuring import table
 
-from cornerforge.drivers.avs import AVS, AvModel
+from cornerforge.drivers.avs import AVS, AvModel, numbers_of_av
 from cornerforge.drivers.idm import IdmNumbers, IdmParams, idm_acceleration
 from cornerforge.drivers.mobil import MobilParams
 from cornerforge.drivers.sight import Sight
 from cornerforge.experiment.setting import experiment
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim.actions import hold
+from cornerforge.sim.controllers import TOLD
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.loop import BV_MUST_ANSWER, NEVER, advance, answer_as_bv
 from cornerforge.sim.motion import move_vehicle
+from cornerforge.sim.outcome import RUNNING
 from cornerforge.sim.scratch import allocate_scratch
-from cornerforge.sim.setting import TOLD
 from cornerforge.sim.step import allocate_recording
-from cornerforge.sim.world import NO_VEHICLE, RUNNING, VEHICLE, all_current, allocate_worlds, av_numbers, world_of
+from cornerforge.sim.world import NO_VEHICLE, VEHICLE, all_current, allocate_worlds, world_of
 from cornerforge.types import ACCELERATIONS, Odd
 
 if TYPE_CHECKING:
@@ -188,7 +189,7 @@ def held_decisions(leads: Leads, p: IdmParams, per_second: int) -> tuple[Floats,
 def simulated(leads: Leads, p: IdmParams) -> tuple[Floats, Floats]:
     """As `reference`, driven by the simulator itself: the AV behind one BV that is told its accelerations."""
     setting = experiment(av="idm-mobil").setting._replace(
-        road=road_numbers(_ODD), av=av_numbers(p, _STUBBORN, Sight("decision"))
+        road=road_numbers(_ODD), av=numbers_of_av(AvModel("", "", p, _STUBBORN, Sight("decision")))
     )
     setting = setting.with_drivers(critical=TOLD)
     motion = [_simulated_run(leads, run, setting) for run in range(leads.speed.size)]

@@ -14,9 +14,9 @@ import numpy as np
 from measuring import Series, on_one_core, table
 from timed_kernels import EXTRAS, PARTS, RESET, SEED, clock_cost, timed_tests
 
+from cornerforge.sim.controllers import NOBODY
 from cornerforge.sim.runner import simulate, simulate_chunks, warm_up
 from cornerforge.sim.scratch import allocate_scratch
-from cornerforge.sim.setting import NOBODY
 from cornerforge.sim.world import allocate_worlds, world_of
 
 if TYPE_CHECKING:

@@ -17,18 +17,19 @@ import numpy as np
 from cornerforge._philox import PURPOSE_DECIDE, blocks, uniform
 from cornerforge.drivers.naturalistic import following_row, free_row, sample_row
 from cornerforge.drivers.policy import best_action, q_values
+from cornerforge.drivers.sight import DECIDED
 from cornerforge.road.straight import distance_left
 from cornerforge.sim.actions import apply_action
 from cornerforge.sim.av import av_decide
 from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.neighbours import nearest_bv, neighbours_in_lane
 from cornerforge.sim.observe import allowed_actions, observe
+from cornerforge.sim.outcome import COMPLETED, RUNNING, TIME_UP
 from cornerforge.sim.reach import bound_motion, choose_current, find_pairs
-from cornerforge.sim.sight import DECIDED
-from cornerforge.sim.step import SUBSTEPS, _check_contacts, _move, av_acts
+from cornerforge.sim.step import _check_contacts, _move, av_acts
 from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import COMPLETED, NO_ACTION, NO_VEHICLE, RUNNING, TIME_UP, moment_of
-from cornerforge.types import ACCELERATIONS
+from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, moment_of
+from cornerforge.types import ACCELERATIONS, SUBSTEPS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -13,12 +13,12 @@ import numpy as np
 from highway_env.road.road import Road, RoadNetwork
 from highway_env.vehicle.behavior import IDMVehicle
 
-from cornerforge.drivers.avs import AVS, AvModel
+from cornerforge.drivers.avs import AVS, AvModel, numbers_of_av
 from cornerforge.drivers.idm import IdmNumbers, IdmParams, idm_acceleration
 from cornerforge.drivers.mobil import MobilParams
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim.av import av_decide
-from cornerforge.sim.world import NO_VEHICLE, World, all_current, allocate_worlds, av_numbers, world_of
+from cornerforge.sim.world import NO_VEHICLE, World, all_current, allocate_worlds, world_of
 from cornerforge.types import Odd
 
 __all__ = ["TOLERANCE", "IdmAgreement", "MobilAgreement", "compare_idm", "compare_mobil", "render"]
@@ -261,7 +261,7 @@ def compare_mobil(model: AvModel, *, states: int, seed: int = 0) -> MobilAgreeme
         RuntimeError: A decision differs from that of `Restated`.
     """
     rng = np.random.default_rng(seed)
-    numbers = av_numbers(model.idm, model.mobil, model.sight)
+    numbers = numbers_of_av(AvModel("", "", model.idm, model.mobil, model.sight))
     road = road_numbers(Odd(n_lanes=3))
     restated, plain = _Cars(Restated, 13, model), _Cars(_BumperGaps, 13, model)
     worlds = allocate_worlds(1, 13)

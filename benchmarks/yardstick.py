@@ -24,8 +24,8 @@ from cornerforge.drivers.mobil import MobilNumbers
 from cornerforge.drivers.naturalistic import InitialNumbers, MemoryNumbers
 from cornerforge.drivers.sight import SightNumbers
 from cornerforge.road.straight import RoadNumbers
-from cornerforge.sim.keep import Outcomes, allocate_outcomes
-from cornerforge.sim.setting import NATURALISTIC, NOBODY
+from cornerforge.sim.controllers import NATURALISTIC, NOBODY
+from cornerforge.sim.outcome import Outcomes, allocate_outcomes
 from cornerforge.sim.world import VEHICLE
 from cornerforge.types import ACCELERATIONS, MAX_LANES
 
@@ -220,7 +220,7 @@ class Yardstick:
             raise ValueError("The yardstick drives naturalistic BVs without an adversary.")
         if setting.av.kind != 0:
             raise ValueError("The yardstick drives a plain AV, IDM and MOBIL.")
-        if VEHICLE.itemsize != 264 or MAX_LANES != 6 or setting.tables.cut.shape[1] != 32:
+        if VEHICLE.itemsize != 256 or MAX_LANES != 6 or setting.tables.cut.shape[1] != 32:
             raise ValueError("The layout of a vehicle or of the tables changed; bring benchmarks/yardstick up to date.")
         self._drive = _compile()
         tables = setting.tables

@@ -8,18 +8,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cornerforge.drivers.avs import AvModel, av_named
+from cornerforge.drivers.avs import AvModel, av_named, numbers_of_av
 from cornerforge.drivers.naturalistic import NddTables, tables_of
 from cornerforge.drivers.policy import NO_POLICY, PolicyNumbers
 from cornerforge.geometry import path_at
 from cornerforge.ndd.model import NddModel
 from cornerforge.road.straight import RoadNumbers, lane_bits, road_numbers
 from cornerforge.sim.actions import hold, start_lane_change
-from cornerforge.sim.motion import move_vehicle
+from cornerforge.sim.controllers import ADVERSARIES, IDM_BVS, NATURALISTIC, Controllers
+from cornerforge.sim.motion import move_vehicle, path_of
 from cornerforge.sim.observe import budget_units
+from cornerforge.sim.outcome import RUNNING
 from cornerforge.sim.scripted import TRAITS
-from cornerforge.sim.setting import ADVERSARIES, IDM_BVS, NATURALISTIC, Controllers, Setting
-from cornerforge.sim.world import NO_VEHICLE, RUNNING, World, all_current, allocate_worlds, numbers_of_av, path_of
+from cornerforge.sim.setting import Setting
+from cornerforge.sim.world import NO_VEHICLE, World, all_current, allocate_worlds
 from cornerforge.sim.world import world_of as world_of_batch
 from cornerforge.types import Odd
 

@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge.drivers.avs import numbers_of_av
 from cornerforge.drivers.policy import best_action, q_values
 from cornerforge.experiment.av_file import av_of
 from cornerforge.road.straight import RoadNumbers, lane_centre, road_numbers
-from cornerforge.sim.av_features import av_features
-from cornerforge.sim.av_kinds import DECIDES_EVERY
+from cornerforge.sim.av_features import DECIDES_EVERY, av_features
 from cornerforge.sim.scratch import AvScratch, allocate_scratch
-from cornerforge.sim.world import numbers_of_av
 from cornerforge.types import ACCELERATIONS, Odd
 
 __all__ = ["Twin", "TwinOfMany"]

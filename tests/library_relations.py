@@ -18,7 +18,7 @@ from cornerforge.drivers.rails import POSE_NUMBERS
 from cornerforge.fields import BODY, HISTORY_SHAPE, SERIES
 from cornerforge.library import CaseLibrary
 from cornerforge.results.analysis import CrashType
-from cornerforge.sim import START_FIELDS, n_slots
+from cornerforge.sim import n_slots, scripted
 from cornerforge.sim.harvest import LIMITS
 from cornerforge.types import FRAME_S, Odd
 
@@ -183,7 +183,7 @@ RELATIONS: tuple[Relation, ...] = (
     ),
     Relation(
         "start", "the numbers of a start for each vehicle of slot",
-        lambda r: "start" not in r.t or len(r.t["start"]) == _vehicles(r) * len(START_FIELDS),
+        lambda r: "start" not in r.t or len(r.t["start"]) == _vehicles(r) * len(scripted.START_FIELDS),
     ),
     Relation(
         "rails", f"{POSE_NUMBERS} numbers for each vehicle of slot at each of some frames",

@@ -22,22 +22,23 @@ from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.worlds.drive_bv import Exploring, allocate_actors, collect, start_worlds
 from cornerforge.adversary.worlds.rewards import reward_numbers
 from cornerforge.drivers.policy import HEADS, NetworkShape, PolicyNumbers, best_action, q_values
+from cornerforge.drivers.sight import VISIBLE
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.policy_file import Policy
 from cornerforge.experiment.setting import experiment
 from cornerforge.ext.gym.batch import AvBatch, BvBatch
 from cornerforge.ext.gym.vector import AdversaryVectorEnv, DrivingVectorEnv
 from cornerforge.library.harvester import Harvester
-from cornerforge.sim.keep import Outcomes, allocate_outcomes, keep_nothing, write_outcome
+from cornerforge.sim.controllers import POLICY, TOLD
+from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.sim.outcome import AV_CRASH, BV_CRASH, Outcomes, allocate_outcomes, write_outcome
 from cornerforge.sim.recorder import Recorder, scenario_digest
 from cornerforge.sim.runner import Tally, drive_chunk
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.scripted import Script, ScriptDriver
-from cornerforge.sim.setting import POLICY, TOLD
-from cornerforge.sim.sight import VISIBLE
 from cornerforge.sim.statistics import EVERYBODY, allocate_counts
-from cornerforge.sim.world import AV_CRASH, BV_CRASH, world_of
+from cornerforge.sim.world import world_of
 
 SEED = 12
 TESTS = 24

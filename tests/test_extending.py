@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from cornerforge.adversary.worlds.rewards import REWARDS
-from cornerforge.sim.setting import ADVERSARIES
+from cornerforge.sim.controllers import ADVERSARIES
 from cornerforge.world_options import LEARNERS, PLAIN_ADVERSARIES, REWARD_NAMES
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -97,7 +97,7 @@ _RULES: dict[str, Any] = {"struck": _that_is_struck, """,
     "world_options.py": [('REWARD_NAMES = ("crash",', 'REWARD_NAMES = ("crash", "struck",')],
 }
 ADVERSARY: Recipe = {
-    "sim/setting.py": [
+    "sim/controllers.py": [
         ("SWERVE, TOLD = range(6)", "SWERVE, TOLD, BRAKER = range(7)"),
         ('"swerve": SWERVE}', '"swerve": SWERVE, "braker": BRAKER}'),
     ],

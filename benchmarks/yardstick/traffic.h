@@ -77,7 +77,6 @@ static void draw_traits(World *w, int64_t slot, int64_t seed, int64_t test, cons
     w->v[slot].signals = (int32_t)(words.w[0] & 1023);
     w->v[slot].noise = tables->noise[words.w[1] & 1023];
     w->v[slot].inattention = tables->inattention[words.w[1] >> 10 & 1023];
-    w->v[slot].noticed = 0;
 }
 
 static void place(

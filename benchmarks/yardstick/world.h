@@ -22,7 +22,6 @@ typedef struct {
     double quantile, habit, desired_speed, change_time;
     int32_t signals, away;
     double commanded, acceleration_held, noise, inattention;
-    int64_t noticed; /* of AVs with a flaw only */
 } Vehicle;
 
 enum { N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, N_SEEN };

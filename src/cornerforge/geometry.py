@@ -8,13 +8,7 @@ from typing import NamedTuple
 from cornerforge._elementary import sin_cos
 from cornerforge._jit import inlined_kernel, kernel
 
-__all__ = [
-    "Box",
-    "boxes_overlap",
-    "path_at",
-    "plan_path",
-    "quintic",
-]
+__all__ = ["Box", "boxes_overlap", "path_at", "plan_path", "quintic"]
 
 Path = tuple[float, float, float, float, float, float]
 """A quintic lateral path: coefficients of t^0 .. t^5 [m, m/s, ...]."""

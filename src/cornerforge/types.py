@@ -42,6 +42,8 @@ __all__ = [
 
 FRAME_S = 0.1
 """Length of one physics substep and of one recorded frame [s]."""
+SUBSTEPS = round(1.0 / FRAME_S)
+"""Substeps in a second, from one decision of the BVs to the next."""
 
 METRES_PER_MILE = 1609.344
 
@@ -127,6 +129,8 @@ FIRST_ACCELERATION = _SIDES.index(0)
 ACCELERATIONS: NDArray[np.float64] = ACTION_ACCELERATIONS[FIRST_ACCELERATION:].copy()
 """Acceleration of action index FIRST_ACCELERATION + i [m/s2], shape (31,)."""
 N_ACCELERATIONS = len(ACCELERATIONS)
+LOWEST_COMMAND, HIGHEST_COMMAND = -8.0, 2.0
+"""Limits to which the commands of an AV outside the kernels are cut [m/s2]."""
 ACTION_HOLD = ACTIONS.index(Action("+0.0 m/s²", 0, 0.0))
 """Index of acceleration 0."""
 

@@ -14,10 +14,10 @@ from cornerforge.adversary.worlds.drive_bv import Transitions, allocate_actors, 
 from cornerforge.adversary.worlds.rewards import reward_numbers
 from cornerforge.errors import InputError
 from cornerforge.experiment.setting import experiment
+from cornerforge.sim.controllers import TOLD
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.scratch import allocate_scratch
-from cornerforge.sim.setting import TOLD
 from cornerforge.types import N_ACTIONS
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")

@@ -24,7 +24,7 @@ from cornerforge.errors import InputError
 from cornerforge.experiment.setting import experiment
 from cornerforge.library import CaseLibrary
 from cornerforge.recordings import Recordings, recordings_of_tracks
-from cornerforge.sim import ADVERSARIES, N_OBSERVATION, TOLD, allocate_scratch, keep_nothing
+from cornerforge.sim import allocate_scratch, controllers, keep_nothing, observe
 from cornerforge.verbs.train import evaluate
 
 SEED = 3
@@ -84,9 +84,9 @@ def test_a_learners_crashes_are_the_cases_of_the_library(library: tuple[dict[str
             judged[case.case_ids[0]] = case
         return judge(recordings)
 
-    setting, n = run.setting.with_drivers(critical=TOLD), 24
-    exploring = Exploring(ADVERSARIES["swerve"], NO_POLICY, 0.0, 0, 0.0)
-    actors, out = allocate_actors(n, setting, run.slots, N_OBSERVATION), allocate_transitions(n)
+    setting, n = run.setting.with_drivers(critical=controllers.TOLD), 24
+    exploring = Exploring(controllers.ADVERSARIES["swerve"], NO_POLICY, 0.0, 0, 0.0)
+    actors, out = allocate_actors(n, setting, run.slots, observe.N_OBSERVATION), allocate_transitions(n)
     scratch, nothing = allocate_scratch(run.slots, NO_POLICY), keep_nothing(run.slots)
     cases = CrashCases(setting, run.slots, verdict)
     start_worlds(SEED, 0, setting, scratch, actors)

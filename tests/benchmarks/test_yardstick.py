@@ -14,11 +14,12 @@ from cornerforge.drivers.avs import AVS, av_named
 from cornerforge.ndd.model import Memory as DriverMemory
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.drive import drive_range
-from cornerforge.sim.keep import allocate_outcomes, keep_nothing
+from cornerforge.sim.keep import keep_nothing
+from cornerforge.sim.outcome import AV_CRASH, allocate_outcomes
 from cornerforge.sim.runner import drive_chunk
 from cornerforge.sim.scratch import Scratch, allocate_scratch
 from cornerforge.sim.setting import Setting
-from cornerforge.sim.world import AV_CRASH, World, allocate_worlds, n_slots, world_of
+from cornerforge.sim.world import World, allocate_worlds, n_slots, world_of
 from cornerforge.types import ODDS, Odd, odd_named
 
 pytestmark = pytest.mark.skipif(not has_compiler(), reason=f"no {COMPILER}")
@@ -53,7 +54,7 @@ def final_state(held: World | Memory, info: np.ndarray) -> tuple[bytes, ...]:
 def info_of(world: World, scratch: Scratch) -> np.ndarray:
     """What the yardstick has in `info`."""
     numbers = [world.state[name] for name in INFO]
-    return np.concatenate([*numbers, world.av_lead, world.av_rear, scratch.front])
+    return np.concatenate([*numbers, world.av["lead"][0], world.av["rear"][0], scratch.front])
 
 
 class Happened(NamedTuple):

@@ -21,12 +21,12 @@ from cornerforge.ext.gym.spaces import av_commands
 from cornerforge.sim.actions import ordered_lane
 from cornerforge.sim.adversaries import choose_action
 from cornerforge.sim.av import av_decide
-from cornerforge.sim.keep import Outcomes
+from cornerforge.sim.controllers import ADVERSARIES
+from cornerforge.sim.outcome import AV_CRASH, BV_CRASH, COMPLETED, Outcomes
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import drive_chunk
 from cornerforge.sim.scratch import allocate_scratch
-from cornerforge.sim.setting import ADVERSARIES
-from cornerforge.sim.world import AV_CRASH, BV_CRASH, COMPLETED, World, world_of
+from cornerforge.sim.world import World, world_of
 from cornerforge.types import Odd
 from cornerforge.world_options import WorldOptions
 

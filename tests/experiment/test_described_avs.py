@@ -12,7 +12,7 @@ from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.setting import experiment
 from cornerforge.foreign.interpreter import in_use
 from cornerforge.foreign.named_avs import check_named
-from cornerforge.sim import STEERED
+from cornerforge.sim import controllers
 from cornerforge.world_options import WorldOptions
 
 AV = """
@@ -38,7 +38,7 @@ def test_an_experiment_starts_no_process(tmp_path: Path, monkeypatch: pytest.Mon
         check_named("my_av:MyAv", tmp_path)
     identity = run.identity(0)
     assert (tmp_path / "started").read_text(encoding="utf-8") == "once\n"
-    assert (identity["av_steers"], run.opened_setting.who.av) == (True, STEERED)
+    assert (identity["av_steers"], run.opened_setting.who.av) == (True, controllers.STEERED)
     assert "my_av:MyAv" in in_use()
     check_named("my_av:MyAv", tmp_path)
 

@@ -11,7 +11,7 @@ import pytest
 
 import cornerforge
 from cornerforge.experiment.setting import experiment
-from cornerforge.sim import STEERED
+from cornerforge.sim import controllers
 
 pytestmark = pytest.mark.full
 
@@ -39,7 +39,7 @@ def test_a_planner_drives_as_one_would_expect(av: str, package: str) -> None:
     """It gets up to speed in free lanes, keeps to lane centres unless it changes, and its motion is smooth."""
     pytest.importorskip(package)
     run = experiment(av=av, takes_foreign=True)
-    assert run.opened_setting.who.av == STEERED
+    assert run.opened_setting.who.av == controllers.STEERED
     recorder, crashed, settled, frames = run.recorder(), 0, 0, 0
     fastest: list[float] = []
     for test in range(8):

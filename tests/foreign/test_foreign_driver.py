@@ -15,10 +15,9 @@ from cornerforge.experiment.setting import experiment
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.recorder import ForeignRecorder
 from cornerforge.foreign.session import seeds_of
-from cornerforge.sim.keep import Outcomes
+from cornerforge.sim.outcome import AV_CRASH, AV_FAULT, Outcomes
 from cornerforge.sim.recorder import scenario_digest
 from cornerforge.sim.runner import simulate
-from cornerforge.sim.world import AV_CRASH, AV_FAULT
 from cornerforge.types import Odd
 
 pytestmark = pytest.mark.usefixtures("in_memory")

@@ -34,9 +34,9 @@ from cornerforge.experiment.setting import experiment
 from cornerforge.foreign.driver import MAX_FAULTS, Fault, ForeignAv
 from cornerforge.foreign.session import seeds_of
 from cornerforge.results.rates import Yield
-from cornerforge.sim import N_OBSERVATION, OUTSIDE, TOLD
+from cornerforge.sim import controllers, observe
+from cornerforge.sim.controllers import UNIFORM
 from cornerforge.sim.scratch import allocate_scratch
-from cornerforge.sim.setting import UNIFORM
 from cornerforge.sim.world import VEHICLE
 from cornerforge.types import Odd
 from cornerforge.verbs.train import evaluate
@@ -70,7 +70,7 @@ def outside(
 ) -> TrainResult:  # fmt: skip
     """Train against an AV from outside whose tests start as those of the built-in AV `like`."""
     run = world(like)
-    setting = run.setting.with_drivers(av=OUTSIDE)
+    setting = run.setting.with_drivers(av=controllers.OUTSIDE)
     try:
         return train_adversary(
             setting, run.slots, config, av=av, verdict=verdict_of(config.reward, run), seed=seed, threads=threads,
@@ -122,7 +122,7 @@ def test_negative_control_another_av_gives_other_weights() -> None:
 def test_the_yield_is_that_of_the_same_av_inside(bv: str, tests: int) -> None:
     """Strikes and avoidable crashes are judged by the AV's stored answers."""
     built_in, foreign = (experiment(av=av, bv=bv, takes_foreign=True) for av in ("rl", "twins:Twin"))
-    foreign = replace(foreign, setting=built_in.setting.with_drivers(av=OUTSIDE))
+    foreign = replace(foreign, setting=built_in.setting.with_drivers(av=controllers.OUTSIDE))
     expected, found = (evaluate(run, tests=tests, seed=4, reward="own-fault", threads=2) for run in (built_in, foreign))
     assert isinstance(found, Yield)
     assert found == expected
@@ -195,8 +195,8 @@ def test_what_is_shown_again_ends_where_the_worlds_are(avs: Path) -> None:  # no
     """Amid their tests, each after another number of seconds, the worlds driven again are the worlds."""
     run = world("idm-mobil")
     av = opened("avs:Counts", ODD, batch=16)
-    setting = run.setting.with_drivers(av=OUTSIDE, critical=TOLD)
-    actors = allocate_actors(16, setting, run.slots, N_OBSERVATION)
+    setting = run.setting.with_drivers(av=controllers.OUTSIDE, critical=controllers.TOLD)
+    actors = allocate_actors(16, setting, run.slots, observe.N_OBSERVATION)
     start_worlds(3, 0, setting, allocate_scratch(run.slots, setting.who.policy), actors)
     collector = ForeignCollector(av, setting, run.slots, actors, 1)
     exploring = Exploring(UNIFORM, setting.who.policy, 0.0, 0, 0.0)

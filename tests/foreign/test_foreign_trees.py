@@ -18,7 +18,7 @@ from cornerforge.rates.branching.danger import N_SEEN, WIDTH, Network
 from cornerforge.rates.branching.drive import DrivenTrees, drive_trees
 from cornerforge.rates.branching.foreign import ForeignTrees
 from cornerforge.rates.branching.population import TREE, Plan, Tilt
-from cornerforge.sim import OUTSIDE, STEERED, Script, ScriptDriver, Setting, n_slots, simulate
+from cornerforge.sim import Script, ScriptDriver, Setting, controllers, n_slots, simulate
 from cornerforge.sim.world import VEHICLE
 from cornerforge.types import Odd
 
@@ -58,7 +58,7 @@ def same(a: DrivenTrees, b: DrivenTrees) -> bool:
 def test_they_are_the_trees_of_the_same_av_inside(reckless: NddModel) -> None:
     """`rl` decides every half second, so a copy that has not been shown what it saw would be out of step."""
     inside = setting_of(reckless, ODD, av=av_of("rl"))
-    run, how = inside.with_drivers(av=OUTSIDE), plan(0, 1e-2)
+    run, how = inside.with_drivers(av=controllers.OUTSIDE), plan(0, 1e-2)
     expected = trees(inside, None, 10, how)
     assert expected.trees["crashes"].sum() > 5
     for batch in (256, 5):
@@ -72,7 +72,7 @@ def test_they_are_the_trees_of_the_same_av_inside(reckless: NddModel) -> None:
 def test_tests_drawn_from_proposals_are_those_of_the_same_av_inside(reckless: NddModel) -> None:
     """Without copies the AV is shown nothing again while its batch has a row for each test."""
     inside = setting_of(reckless, ODD, av=av_of("rl"))
-    run = inside.with_drivers(av=OUTSIDE)
+    run = inside.with_drivers(av=controllers.OUTSIDE)
     how = plan(0, 1e-2)._replace(tilt=Tilt(np.array([0.3, 0.7]), np.array([0.0, 1.0]), 2))
     expected = trees(inside, None, 300, how)
     assert expected.trees["crashes"].sum() > 5
@@ -115,7 +115,7 @@ def test_trees_of_an_av_that_steers_do_not_depend_on_the_batch(
     inside, how = setting_of(reckless, ODD, av=av_of("idm-mobil")), plan(0, 1e-2)
     av = opened("weaves:Weaves", ODD)
     run = av.steering(inside)
-    assert run.who.av == STEERED
+    assert run.who.av == controllers.STEERED
     many, few = trees(run, av, 8, how), trees(run, opened("weaves:Weaves", ODD, batch=3), 8, how)
     assert same(many, few)
     assert (many.strayed, few.strayed) == (0, 0)
@@ -131,7 +131,7 @@ def test_trees_of_an_av_that_steers_do_not_depend_on_the_batch(
 @pytest.mark.slow
 @pytest.mark.usefixtures("avs")
 def test_an_av_without_memory_is_shown_nothing_again(reckless: NddModel) -> None:
-    run, how = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE), plan(0, 1e-2)
+    run, how = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=controllers.OUTSIDE), plan(0, 1e-2)
     with_memory, without = (trees(run, opened(f"avs:{name}", ODD), 20, how) for name in ("Good", "Forgetful"))
     assert same(with_memory, without)
     assert 6 * without.trees["seconds"].sum() < without.asked <= 10 * without.trees["seconds"].sum()
@@ -142,7 +142,7 @@ def test_an_av_without_memory_is_shown_nothing_again(reckless: NddModel) -> None
 
 @pytest.mark.usefixtures("avs")
 def test_an_av_that_counts_its_calls_in_idle_rows_too_is_not_out_of_step(reckless: NddModel) -> None:
-    run, how = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE), plan(0, 1e-2)
+    run, how = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=controllers.OUTSIDE), plan(0, 1e-2)
     many, few = (trees(run, opened("avs:Counts", ODD, batch=batch), 6, how) for batch in (64, 6))
     assert same(many, few)
     assert (many.strayed, few.strayed) == (0, 0)
@@ -150,7 +150,7 @@ def test_an_av_that_counts_its_calls_in_idle_rows_too_is_not_out_of_step(reckles
 
 @pytest.mark.usefixtures("avs")
 def test_their_mean_is_the_rate_that_counting_gives(reckless: NddModel) -> None:
-    run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE)
+    run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=controllers.OUTSIDE)
     av = opened("avs:Forgetful", ODD)
     weights = trees(run, av, 1_500, plan(0, 3e-2), threads=2).trees["weight"]
     counted = simulate(run, SLOTS, seed=9, tests=5_000, threads=2, drive=av)
@@ -162,7 +162,7 @@ def test_their_mean_is_the_rate_that_counting_gives(reckless: NddModel) -> None:
 
 @pytest.mark.usefixtures("avs")
 def test_a_branch_is_recorded_with_the_answers_that_led_to_its_crash(reckless: NddModel) -> None:
-    run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE)
+    run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=controllers.OUTSIDE)
     av = opened("avs:Good", ODD)
     driven = trees(run, av, 20, plan(0, 1e-2))
     recorder, scripts = ForeignRecorder(av, run, ODD), ScriptDriver(run, ODD, av)
@@ -183,7 +183,7 @@ def test_a_branch_is_recorded_with_the_answers_that_led_to_its_crash(reckless: N
 
 @pytest.mark.usefixtures("twins")
 def test_an_av_that_does_not_repeat_itself_is_noticed(reckless: NddModel) -> None:
-    run = setting_of(reckless, ODD, av=av_of("rl")).with_drivers(av=OUTSIDE)
+    run = setting_of(reckless, ODD, av=av_of("rl")).with_drivers(av=controllers.OUTSIDE)
     assert trees(run, opened("twins:Dice", ODD), 4, plan(0, 1e-2)).strayed > 100
 
 
@@ -191,12 +191,12 @@ def test_an_av_that_does_not_repeat_itself_is_noticed(reckless: NddModel) -> Non
 @pytest.mark.usefixtures("avs")
 @pytest.mark.parametrize(("name", "what"), [("Raises", "raised"), ("Nan", "answered with NaN")])
 def test_a_failure_is_told_in_one_sentence(reckless: NddModel, name: str, what: str) -> None:
-    run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE)
+    run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=controllers.OUTSIDE)
     with pytest.raises(AvFaultError, match=f"failed while trees of tests were driven.*{what}.*--method mc"):
         trees(run, opened(f"avs:{name}", ODD), 200, plan(0, 1e-2))
 
 
 def test_an_av_outside_needs_a_driver(reckless: NddModel) -> None:
-    run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE)
+    run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=controllers.OUTSIDE)
     with pytest.raises(InputError, match="driver of its own"):
         trees(run, None, 1, plan(0, 1e-2))

@@ -23,7 +23,7 @@ from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.pace import Pace, announce, announced, choose_batch
 from cornerforge.foreign.process import AvProcess
 from cornerforge.foreign.session import context_of
-from cornerforge.sim.keep import Outcomes
+from cornerforge.sim.outcome import Outcomes
 from cornerforge.types import Odd
 
 pytestmark = pytest.mark.usefixtures("in_memory")

@@ -12,7 +12,7 @@ from foreign.opened_av import opened
 import cornerforge
 from cornerforge.errors import InputError
 from cornerforge.experiment.setting import experiment
-from cornerforge.sim import STEERED, simulate
+from cornerforge.sim import controllers, simulate
 from cornerforge.types import Odd
 
 pytestmark = [pytest.mark.full, pytest.mark.usefixtures("in_memory")]
@@ -179,7 +179,7 @@ def test_one_law_drives_the_same_through_all_interfaces() -> None:
 @pytest.mark.usefixtures("planners")
 def test_an_angle_of_the_wheels_is_its_curvature() -> None:
     run = experiment(av="planners:Curve", takes_foreign=True)
-    assert run.opened_setting.who.av == STEERED
+    assert run.opened_setting.who.av == controllers.STEERED
     curve, wheel = (
         experiment(av=f"planners:{name}", takes_foreign=True).recorder().record(0, 3) for name in ("Curve", "Wheel")
     )

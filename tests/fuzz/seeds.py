@@ -24,7 +24,7 @@ from cornerforge.experiment.av_file import rl_av_path
 from cornerforge.experiment.policy_file import Policy, save_policy
 from cornerforge.library import CaseLibrary
 from cornerforge.ndd.model import default_model_path, load_model
-from cornerforge.sim import N_OBSERVATION
+from cornerforge.sim import observe
 
 __all__ = ["SEEDS", "TINY_RUN", "seed_folder"]
 
@@ -74,7 +74,7 @@ def _model(_: Path) -> None:
 
 @_seed("policy")
 def _policy(_: Path) -> None:
-    shape = NetworkShape(N_OBSERVATION, 1, 1, 8)
+    shape = NetworkShape(observe.N_OBSERVATION, 1, 1, 8)
     weights = np.random.default_rng(1).normal(0.0, 0.3, n_weights(shape)).astype(np.float32)
     save_policy(Policy(weights, shape, True, {"about": "drawn", "reward": "crash"}, 8.0), Path("p.safetensors"))
 

@@ -29,7 +29,7 @@ from cornerforge.library.case_file import (
     write_case_file,
 )
 from cornerforge.library.out_case import Fact, MovingCase, straight_road
-from cornerforge.sim import START_FIELDS, Script, n_slots, scripted_start
+from cornerforge.sim import Script, n_slots, scripted
 from cornerforge.types import CLASSES, MAX_LANES, N_ACTIONS, Odd
 
 
@@ -56,8 +56,9 @@ def acting_case(seed: int = 1) -> CaseFile:
     """Five vehicles in motion with the most awkward numbers."""
     rng = np.random.default_rng(seed)
     n = 5
-    rows = rng.standard_normal((n, len(START_FIELDS))) * 10.0 ** rng.integers(-18, 1, (n, len(START_FIELDS)))
-    table = dict(zip(START_FIELDS, rows.T, strict=True))
+    shape = (n, len(scripted.START_FIELDS))
+    rows = rng.standard_normal(shape) * 10.0 ** rng.integers(-18, 1, shape)
+    table = dict(zip(scripted.START_FIELDS, rows.T, strict=True))
     for name in ("speed", "clock", "duration", "quantile", "habit", "desired_speed", "change_time", "inattention"):
         table[name] = np.abs(table[name]) % 1.0
     table["noise"] = table["noise"] % 1.0
@@ -67,7 +68,7 @@ def acting_case(seed: int = 1) -> CaseFile:
         table[name] = rng.integers(0, high, n).astype(np.float64)
     table["lanes"], table["kind"] = np.full(n, 3.0), np.zeros(n)
     table["length"], table["width"] = np.full(n, 5.0), np.full(n, 2.0)
-    start = scripted_start(np.stack([table[name] for name in START_FIELDS], axis=1))
+    start = scripted.scripted_start(np.stack([table[name] for name in scripted.START_FIELDS], axis=1))
     action = rng.integers(-1, N_ACTIONS, (6, n)).astype(np.int8)
     action[:, 0], action[:, 3] = -1, -1
     scale = np.array([100.0, 10.0, 15.0, 10.0, 1.0, 100.0, 0.0])
@@ -157,7 +158,7 @@ def test_the_schema_knows_what_the_code_knows() -> None:
     vehicle = parts["Vehicle"]
     assert vehicle["class"]["enum"] == sorted(one.name for one in CLASSES)
     assert [one["maximum"] for one in vehicle["actions"]["anyOf"] if "maximum" in one] == [N_ACTIONS - 1]
-    assert len(parts["Start"]) == len(START_FIELDS) - 3, "all but length, width and class"
+    assert len(parts["Start"]) == len(scripted.START_FIELDS) - 3, "all but length, width and class"
 
 
 def test_the_schema_on_paper_is_made_of_the_types(golden: Callable[[str, str], None]) -> None:

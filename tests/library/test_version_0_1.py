@@ -26,7 +26,7 @@ from cornerforge.fields import BODY
 from cornerforge.library import CaseLibrary
 from cornerforge.ndd.memory import Memory
 from cornerforge.ndd.model import default_model_path, load_model
-from cornerforge.sim import START_FIELDS, TRAITS
+from cornerforge.sim import scripted
 
 OLD = Path(__file__).parent / "version_0_1"
 FIRST = "38632621c336e1c28a02d0323240a728d8eda9e0e6df9e00f388ca32f2b1d819"
@@ -89,13 +89,14 @@ def test_columns_that_came_later_are_filled_in(filled: Path, tmp_path: Path, kin
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("lacking", [2, 4, 5, len(TRAITS), len(TRAITS) + 3])
+@pytest.mark.parametrize("lacking", [2, 4, 5, len(scripted.TRAITS), len(scripted.TRAITS) + 3])
 def test_drivers_of_older_starts_desire_the_speed_that_they_have(tmp_path: Path, lacking: int) -> None:
     """Stored before drivers looked away, before lane changes had times, before memory, and before there were trucks."""
     shutil.copytree(artefact("case-file") / "imported" / "library", tmp_path / "old")
 
     def cut(table: pa.Table) -> pa.Table:
-        rows = [np.reshape(row, (-1, len(START_FIELDS)))[:, :-lacking].ravel() for row in table["start"].to_pylist()]
+        fields = len(scripted.START_FIELDS)
+        rows = [np.reshape(row, (-1, fields))[:, :-lacking].ravel() for row in table["start"].to_pylist()]
         place = table.column_names.index("start")
         return table.set_column(place, table.field(place), pa.array(rows, table.field(place).type))
 

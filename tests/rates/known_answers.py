@@ -39,10 +39,10 @@ from cornerforge.rates.branching.danger import N_SEEN, WIDTH, Network
 from cornerforge.rates.branching.drive import drive_trees
 from cornerforge.rates.branching.population import Plan, Tilt
 from cornerforge.rates.weighted import weighted_rate
-from cornerforge.sim import NATURAL, Script, ScriptDriver, drive_chunk
+from cornerforge.sim import Script, ScriptDriver, runner, scripted
+from cornerforge.sim.outcome import AV_CRASH
 from cornerforge.sim.scripted import START_FIELDS, TRAITS, scripted_start
 from cornerforge.sim.setting import Setting
-from cornerforge.sim.world import AV_CRASH
 from cornerforge.types import ACTIONS, FIRST_ACCELERATION, Odd
 
 Floats = NDArray[np.float64]
@@ -308,10 +308,10 @@ def chance_from(driver: ScriptDriver, start: NDArray[np.void]) -> float:
 
     def after(begun: list[int], chance: float) -> float:
         """Chance of all futures that begin with these actions, of that chance together, and end in a crash."""
-        script = np.full((CUT_IN_S, 2), NATURAL, dtype=np.int8)
+        script = np.full((CUT_IN_S, 2), scripted.NATURAL, dtype=np.int8)
         script[: len(begun), 1] = begun
         drive, chances = driver.record(Script(slot, start, script))
-        taken = drive.action[:, 1].tolist()  # where the script says NATURAL, the likeliest
+        taken = drive.action[:, 1].tolist()  # where the script says scripted.NATURAL, the likeliest
         total = 0.0
         for second in range(len(begun), len(taken)):
             p = chances[second, 1]
@@ -359,7 +359,7 @@ Weights = Callable[[Problem, int, int], Floats]
 
 def count(problem: Problem, seed: int, n: int) -> Floats:
     """Plain tests: 1 for a crash of the AV, else 0."""
-    ends = drive_chunk(problem.setting, problem.slots, seed, 0, n, False)[0].code
+    ends = runner.drive_chunk(problem.setting, problem.slots, seed, 0, n, False)[0].code
     return (ends == AV_CRASH).astype(np.float64)
 
 

@@ -7,9 +7,9 @@ from statistical_bounds import l1_bound, l1_distance
 
 from cornerforge.drivers.policy import HEADS, NO_POLICY, NetworkShape, PolicyNumbers, n_weights
 from cornerforge.sim.adversaries import choose_action
+from cornerforge.sim.controllers import ADVERSARIES, AS_LEARNED, POLICY, Controllers, cast_index, cast_of, critical_of
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.scratch import ChoiceScratch, allocate_scratch
-from cornerforge.sim.setting import ADVERSARIES, AS_LEARNED, POLICY, Controllers, cast_index, cast_of, critical_of
 from cornerforge.sim.world import World
 
 N = 50_000

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from hand_built import Car, change_lane, setting_of, world_of
 
+from cornerforge.drivers.sight import VISIBLE
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.actions import start_lane_change
 from cornerforge.sim.av_features import N_AV_FEATURES, av_features
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
-from cornerforge.sim.sight import VISIBLE
 from cornerforge.sim.world import World
 from cornerforge.types import ODDS
 

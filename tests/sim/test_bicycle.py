@@ -25,8 +25,7 @@ from cornerforge.sim.bicycle import (
 from cornerforge.sim.loop import steer_as_av
 from cornerforge.sim.reach import bound_motion, find_pairs
 from cornerforge.sim.scratch import allocate_scratch
-from cornerforge.sim.step import SUBSTEPS
-from cornerforge.types import FRAME_S, Odd
+from cornerforge.types import FRAME_S, SUBSTEPS, Odd
 
 ODD = Odd()
 ROAD = road_numbers(ODD)

@@ -31,11 +31,12 @@ from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.loop import advance
 from cornerforge.sim.motion import move_vehicle
 from cornerforge.sim.neighbours import sort_by_x
+from cornerforge.sim.outcome import RUNNING
 from cornerforge.sim.scratch import Scratch, allocate_scratch
 from cornerforge.sim.scripted import NATURAL, TRAITS, Script, ScriptDriver
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import RUNNING, World, allocate_worlds, n_slots
+from cornerforge.sim.world import World, allocate_worlds, n_slots
 from cornerforge.sim.world import world_of as world_of_batch
 from cornerforge.types import ACTION_HOLD, CLASSES, ODDS, Odd, odd_named
 

@@ -14,7 +14,7 @@ from statistical_bounds import l1_bound, l1_distance, rate_fits
 from cornerforge.drivers.avs import av_named
 from cornerforge.drivers.idm import idm_acceleration
 from cornerforge.drivers.policy import NO_POLICY
-from cornerforge.drivers.sight import BY_CENTRE, SightNumbers
+from cornerforge.drivers.sight import BY_CENTRE, DECIDED, HUMAN, VISIBLE, SightNumbers
 from cornerforge.ndd.model import GAPS, RANGE_RATES, NddModel
 from cornerforge.road.straight import lane_centre
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
@@ -25,7 +25,6 @@ from cornerforge.sim.motion import move_vehicle
 from cornerforge.sim.neighbours import SIGHT, nearest_bv, neighbours_in_lane, sort_by_x
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import Setting
-from cornerforge.sim.sight import DECIDED, HUMAN, VISIBLE
 from cornerforge.sim.world import World
 from cornerforge.types import ACCELERATIONS, Odd
 

@@ -18,9 +18,10 @@ from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
 from cornerforge.experiment.av_file import av_of
 from cornerforge.ndd.model import NddModel
+from cornerforge.sim.controllers import cast_of
 from cornerforge.sim.observe import N_OBSERVATION, budget_units
 from cornerforge.sim.runner import Tally, drive_chunk
-from cornerforge.sim.setting import Setting, cast_of
+from cornerforge.sim.setting import Setting
 from cornerforge.sim.world import n_slots
 from cornerforge.types import ODDS, Odd
 

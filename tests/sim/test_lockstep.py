@@ -14,12 +14,14 @@ from cornerforge.ndd.model import NddModel
 from cornerforge.sim import lockstep
 from cornerforge.sim.actions import ordered_lane, start_lane_change
 from cornerforge.sim.av import av_decide
-from cornerforge.sim.keep import Outcomes, allocate_outcomes, keep_nothing
+from cornerforge.sim.controllers import OUTSIDE
+from cornerforge.sim.keep import keep_nothing
+from cornerforge.sim.outcome import AV_CRASH, IDLE, RUNNING, Outcomes, allocate_outcomes
 from cornerforge.sim.runner import drive_chunk
 from cornerforge.sim.scratch import allocate_scratch
-from cornerforge.sim.setting import OUTSIDE, Setting
+from cornerforge.sim.setting import Setting
 from cornerforge.sim.statistics import EVERYBODY, NOBODY_COUNTED, Census, Counts, allocate_counts
-from cornerforge.sim.world import AV_CRASH, IDLE, RUNNING, n_slots, world_row
+from cornerforge.sim.world import n_slots, world_row
 from cornerforge.types import ODDS, Odd
 
 

@@ -13,7 +13,8 @@ from cornerforge.errors import InputError
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.setting import experiment
 from cornerforge.ext.studies.r157_scenarios import Panel, panels, rails_of_panel, road_of_r157
-from cornerforge.sim import AV_CRASH, NOBODY, RAILS, Rails, Setting, drive_chunk, rails_of, scenario_digest
+from cornerforge.sim import Setting, controllers, outcome, recorder, runner
+from cornerforge.sim.rails import Rails, rails_of
 from cornerforge.sim.scripted import Script
 from cornerforge.types import Odd, Scenario
 
@@ -55,7 +56,8 @@ def run() -> Experiment:
 
 
 def on(run: Experiment, rails: Rails, kmh: float = 60.0) -> Setting:
-    return run.setting.with_drivers(critical=NOBODY, others=RAILS, rails=rails).with_set_speed(kmh / 3.6)
+    setting = run.setting.with_drivers(critical=controllers.NOBODY, others=controllers.RAILS, rails=rails)
+    return setting.with_set_speed(kmh / 3.6)
 
 
 def record(run: Experiment, rails: Rails, test: int) -> Scenario:
@@ -87,17 +89,17 @@ def test_an_av_sees_that_one_moves_sideways_before_its_body_is_over_the_line(run
 
 def test_a_script_a_range_and_a_recording_give_the_same(run: Experiment, rails: Rails) -> None:
     setting = on(run, rails)
-    out, _ = drive_chunk(setting, run.slots, 7, rails.first, len(rails.poses), False)
-    assert 0 < (out.code == AV_CRASH).sum() < out.code.size
+    out, _ = runner.drive_chunk(setting, run.slots, 7, rails.first, len(rails.poses), False)
+    assert 0 < (out.code == outcome.AV_CRASH).sum() < out.code.size
     driver = run.script_driver()  # its AV drives at another speed; the start says at which it is set to drive here
     for k in range(len(rails.poses)):
         driven = record(run, rails, rails.first + k)
-        assert (driven.crash is not None) == (out.code[k] == AV_CRASH)
+        assert (driven.crash is not None) == (out.code[k] == outcome.AV_CRASH)
         nothing = np.full((len(driven.action), 2), -1, dtype=np.int8)
         poses = rails.poses[k, : 10 * len(nothing) + 1]
         script = Script(driven.slot, rails.start[k], nothing, 7, rails.first + k, poses)
         again, _ = driver.record(script)
-        assert scenario_digest(again) == scenario_digest(driven)
+        assert recorder.scenario_digest(again) == recorder.scenario_digest(driven)
 
 
 def test_a_part_of_a_script_is_the_rest_of_it(run: Experiment, rails: Rails) -> None:
@@ -131,11 +133,11 @@ def test_an_av_from_outside_is_set_to_the_speed_and_drives_the_same_as_alone(
         for k in (0, len(rails.poses) // 2, len(rails.poses) - 1):
             script = Script(np.arange(2, dtype=np.int16), rails.start[k], nothing, 0, 0, rails.poses[k])
             crashed.append(driver.drive(script).pose is not None)
-            assert crashed[-1] == (out.code[k] == AV_CRASH)
+            assert crashed[-1] == (out.code[k] == outcome.AV_CRASH)
         ends[name] = out.code.tolist()
         run.rest()
     assert ends["Heedless"] == ends["Chaser"], "who is set to the speed that it has keeps it"
-    assert AV_CRASH in ends["Chaser"]
+    assert outcome.AV_CRASH in ends["Chaser"]
 
 
 def test_one_that_is_absent_for_a_while_touches_nobody() -> None:
@@ -148,11 +150,11 @@ def test_one_that_is_absent_for_a_while_touches_nobody() -> None:
     blind = experiment(road=ROAD, av="idm-mobil", lanes=2)
     setting = on(blind, rails_of(start, poses))
     stiff = setting._replace(av=setting.av._replace(idm=setting.av.idm._replace(max_braking=0.1)))
-    assert drive_chunk(stiff, blind.slots, 0, 0, 1, False)[0].code[0] == AV_CRASH
+    assert runner.drive_chunk(stiff, blind.slots, 0, 0, 1, False)[0].code[0] == outcome.AV_CRASH
     poses[0, 5:, 1] = np.nan
     gone = on(blind, rails_of(start, poses))
     gone = gone._replace(av=stiff.av)
-    assert drive_chunk(gone, blind.slots, 0, 0, 1, False)[0].code[0] != AV_CRASH
+    assert runner.drive_chunk(gone, blind.slots, 0, 0, 1, False)[0].code[0] != outcome.AV_CRASH
 
 
 def test_braking_is_built_up_and_ends_in_a_stand() -> None:

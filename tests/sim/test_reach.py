@@ -18,9 +18,8 @@ from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane
 from cornerforge.sim.reach import bound_motion, choose_current, find_pairs
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.sight import lanes_seen
-from cornerforge.sim.step import SUBSTEPS
 from cornerforge.sim.world import UNKNOWN, World, n_slots
-from cornerforge.types import ODDS, Odd
+from cornerforge.types import ODDS, SUBSTEPS, Odd
 
 ODD = Odd(n_lanes=3)
 SIGHTS = [numbers_of_sight(Sight(by)) for by in ("motion", "decision", "centre")]
@@ -81,7 +80,7 @@ def test_who_is_noted_as_the_avs_neighbour_is_it_all_second(model: NddModel) -> 
         bound_motion(world, 8.0, 2.0, scratch)
         find_pairs(world, road, scratch)
         choose_current(world, scratch, False, road)
-        lanes = [lane for lane in range(3) if world.av_lead[lane] != UNKNOWN]
+        lanes = [lane for lane in range(3) if world.av["lead"][0, lane] != UNKNOWN]
         noted += len(lanes)
         for substep in range(SUBSTEPS):
             for i in range(v.size):

@@ -10,12 +10,12 @@ from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
 from cornerforge.errors import InputError
 from cornerforge.ndd.model import NddModel
-from cornerforge.sim.keep import Outcomes
 from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.sim.outcome import AV_CRASH, Outcomes
 from cornerforge.sim.recorder import Recorder, scenario_digest
 from cornerforge.sim.runner import crashed_tests, simulate, simulate_chunks
 from cornerforge.sim.setting import Setting
-from cornerforge.sim.world import AV_CRASH, n_slots
+from cornerforge.sim.world import n_slots
 from cornerforge.types import ODDS, Odd
 
 ODD = Odd(n_lanes=3)

@@ -211,7 +211,7 @@ def test_there_is_no_later_start_after_the_end(swerve: Experiment, driver: Scrip
 
 
 def test_a_start_says_everything_about_a_vehicle() -> None:
-    following = {"x_held", "speed_held", "present", "action", "commanded", "acceleration_held", "noticed"}
+    following = {"x_held", "speed_held", "present", "action", "commanded", "acceleration_held"}
     assert set(START_FIELDS) | following == set(VEHICLE.names or ())
     start = start_of((240.0, 1, 30.0))
     assert (start["x_held"], start["speed_held"], start["present"], start["action"]) == (240.0, 30.0, 1, -1)

@@ -13,7 +13,7 @@ from hand_built import Car, change_lane, setting_of, world_of
 import cornerforge.sim
 from cornerforge.drivers.avs import AVS, AvModel, AvNetwork, av_named
 from cornerforge.drivers.policy import NO_POLICY, NetworkShape, n_weights
-from cornerforge.drivers.sight import Sight, numbers_of_sight
+from cornerforge.drivers.sight import VISIBLE, Sight, numbers_of_sight
 from cornerforge.experiment.av_file import av_of
 from cornerforge.ndd.model import NddModel
 from cornerforge.road.straight import RoadNumbers, lane_bits, road_numbers
@@ -23,7 +23,7 @@ from cornerforge.sim.av_kinds import built_in_av_decides
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import Setting
-from cornerforge.sim.sight import VISIBLE, lane_entered, lanes_seen
+from cornerforge.sim.sight import lane_entered, lanes_seen
 from cornerforge.sim.step import allocate_recording, av_acts, begin_to_act, move_on
 from cornerforge.sim.world import World
 from cornerforge.types import ACTION_RIGHT, ODDS

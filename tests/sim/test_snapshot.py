@@ -15,11 +15,13 @@ from sim.test_digests import DRIVERS, Bvs
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.actions import ordered_lane
-from cornerforge.sim.keep import Outcomes, allocate_outcomes, keep_nothing, keep_whole_test, write_outcome
+from cornerforge.sim.controllers import OUTSIDE
+from cornerforge.sim.keep import keep_nothing, keep_whole_test
 from cornerforge.sim.loop import AV_MUST_ANSWER, MILESTONE, NEVER, OVER, advance, answer_as_av
+from cornerforge.sim.outcome import Outcomes, allocate_outcomes, write_outcome
 from cornerforge.sim.runner import Tally, drive_chunk
 from cornerforge.sim.scratch import allocate_scratch
-from cornerforge.sim.setting import OUTSIDE, Setting
+from cornerforge.sim.setting import Setting
 from cornerforge.sim.snapshot import branch_of, copy_of, packed, unpacked
 from cornerforge.sim.statistics import EVERYBODY, Counts, allocate_counts
 from cornerforge.sim.traffic import reset_world
@@ -205,11 +207,11 @@ def test_a_world_with_other_fields_is_refused_in_one_line(model: NddModel) -> No
         ("state.controlled", 49),
         ("state.outcome", 8),
         ("state.test", -1),
-        ("state.av_controls", np.nan),
+        ("av.controls", np.nan),
         ("state.n_seen", 49),
         ("order", 49),
         ("pair_b", -1),
-        ("av_lead", 49),
+        ("av.lead", 49),
         ("seen.y", np.nan),
     ],
 )

@@ -14,9 +14,8 @@ from cornerforge.ndd.model import NddModel
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import statistics
 from cornerforge.sim.actions import start_lane_change
-from cornerforge.sim.keep import allocate_windows
 from cornerforge.sim.recorder import Recorder
-from cornerforge.sim.runner import drive_chunk, drive_chunk_by_window, simulate, simulate_chunks
+from cornerforge.sim.runner import allocate_windows, drive_chunk, drive_chunk_by_window, simulate, simulate_chunks
 from cornerforge.sim.statistics import EVERYBODY, Census, Counts, allocate_counts, count_choices, count_states
 from cornerforge.sim.world import World, n_slots
 from cornerforge.types import ACCELERATIONS, Odd, Scenario

@@ -15,14 +15,16 @@ from cornerforge.ndd.model import NddModel
 from cornerforge.road.straight import lane_bits
 from cornerforge.sim.actions import start_lane_change
 from cornerforge.sim.av_kinds import built_in_av_decides
+from cornerforge.sim.controllers import TOLD
 from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.loop import MILESTONE, OVER, advance, answer_as_bv
+from cornerforge.sim.outcome import AV_CRASH, BV_CRASH, COMPLETED, RUNNING, TIME_UP
 from cornerforge.sim.scratch import allocate_scratch
-from cornerforge.sim.setting import TOLD, Setting
-from cornerforge.sim.step import SUBSTEPS, allocate_recording, av_acts, begin_to_act, move_on
-from cornerforge.sim.world import AV_CRASH, BV_CRASH, COMPLETED, NO_ACTION, RUNNING, TIME_UP, World, arrays_of
-from cornerforge.types import Odd
+from cornerforge.sim.setting import Setting
+from cornerforge.sim.step import allocate_recording, av_acts, begin_to_act, move_on
+from cornerforge.sim.world import NO_ACTION, World
+from cornerforge.types import SUBSTEPS, Odd
 
 KEEP_SPEED = 22
 ODD = Odd(n_lanes=3)
@@ -236,11 +238,11 @@ def test_recording_changes_nothing(model: NddModel, seed: int) -> None:
         step(recorded, setting, test=test, frames=40)
     np.testing.assert_array_equal(silent.vehicles, recorded.vehicles)
     # Who is near the AV, and how many may touch, is noted otherwise where everybody is kept current.
-    notes = ("av_lead", "av_rear", "pair_a", "pair_b")
+    notes = ("av", "pair_a", "pair_b")
     silent.state["n_pairs"] = recorded.state["n_pairs"]
-    arrays = arrays_of(recorded)
+    arrays = recorded.arrays()
     assert set(notes) < set(arrays)
-    for name, ours in arrays_of(silent).items():
+    for name, ours in silent.arrays().items():
         if name not in notes:
             np.testing.assert_array_equal(ours, arrays[name], err_msg=name)
 

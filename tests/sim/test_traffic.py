@@ -14,9 +14,10 @@ from cornerforge.drivers.idm import desired_gap
 from cornerforge.ext.calibrate.facts import FACTS
 from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.model import NddModel
+from cornerforge.sim.outcome import RUNNING
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import RUNNING, STATE, UNKNOWN, allocate_worlds, n_slots, world_of
+from cornerforge.sim.world import AV, STATE, UNKNOWN, allocate_worlds, n_slots, world_of
 from cornerforge.types import ODDS, Odd
 
 ODD = Odd()
@@ -310,16 +311,16 @@ def test_a_reset_leaves_nothing_of_the_test_before(model: NddModel) -> None:
     world, unused = (world_of(allocate_worlds(1, n_slots(ODD))) for _ in range(2))
     for name in STATE.names or ():
         world.state[name] = 77
-    world.av_lead[:], world.av_rear[:] = 77, 77
+    for name in AV.names or ():
+        world.av[name] = 77
     reset_world(world, 5, 3, setting)
     reset_world(unused, 5, 3, setting)
     state = {name: world.state[name][0] for name in STATE.names or ()}
     draws = state.pop("draw")
-    assert not state.pop("av_controls").any()
     assert draws == unused.state["draw"][0] > fresh.size
     named = {"seed": 5, "test": 3, "outcome": RUNNING, "controlled": -1, "bv_action": -1}
     sizes = dict.fromkeys(("n_vehicles", "n_current", "n_seen"), fresh.size)
     assert state == dict.fromkeys(state, 0) | named | sizes
-    assert (world.av_lead == UNKNOWN).all()
-    assert (world.av_rear == UNKNOWN).all()
+    for name in AV.names or ():
+        assert (world.av[name] == (UNKNOWN if name in ("lead", "rear") else 0)).all()
     assert sorted(world.order[: fresh.size]) == list(range(fresh.size))

@@ -20,11 +20,12 @@ from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.loop import advance
 from cornerforge.sim.neighbours import sort_by_x
+from cornerforge.sim.outcome import RUNNING
 from cornerforge.sim.scratch import Scratch, allocate_scratch
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.trucks import possible_actions
-from cornerforge.sim.world import RUNNING, World, allocate_worlds, n_slots
+from cornerforge.sim.world import World, allocate_worlds, n_slots
 from cornerforge.sim.world import world_of as world_of_batch
 from cornerforge.types import ACTIONS, CAR, CLASSES, ODDS, TRUCK, Odd
 

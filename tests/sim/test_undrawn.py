@@ -19,17 +19,18 @@ from cornerforge.rates.branching.danger import untaught
 from cornerforge.rates.branching.drive import drive_trees
 from cornerforge.rates.branching.population import Plan
 from cornerforge.sim import (
-    N_OBSERVATION,
-    TOLD,
     Recorder,
     Setting,
     allocate_scratch,
     allocate_worlds,
+    controllers,
+    observe,
     reset_world,
     simulate,
     world_of,
 )
-from cornerforge.sim.world import RUNNING, UNDRAWN, n_slots
+from cornerforge.sim.outcome import RUNNING, UNDRAWN
+from cornerforge.sim.world import n_slots
 from cornerforge.types import Odd
 
 ODD = Odd()
@@ -111,8 +112,8 @@ def test_an_environment_names_it_and_goes_on_with_other_tests() -> None:
 
 def test_training_in_empty_lanes_ends(model: NddModel) -> None:
     """It went from test to test for ever."""
-    setting = setting_of(model, ODD).with_drivers(critical=TOLD)
+    setting = setting_of(model, ODD).with_drivers(critical=controllers.TOLD)
     empty = setting._replace(road=setting.road._replace(av_start=0.0, traffic_length=-1000.0))
-    actors = allocate_actors(2, setting, SLOTS, N_OBSERVATION)
+    actors = allocate_actors(2, setting, SLOTS, observe.N_OBSERVATION)
     with pytest.raises(InputError, match="no background vehicle to control in 1000 tests"):
         start_worlds(1, 0, empty, allocate_scratch(SLOTS, setting.who.policy), actors)

@@ -31,8 +31,8 @@ from cornerforge.experiment.setting import experiment
 from cornerforge.library import CaseLibrary
 from cornerforge.ndd.model import model_hash
 from cornerforge.results import Queried, Replayed, as_json
+from cornerforge.sim.controllers import cast_index
 from cornerforge.sim.recorder import Recorder
-from cornerforge.sim.setting import cast_index
 from cornerforge.types import Odd
 from cornerforge.work.progress import NO_PROGRESS
 

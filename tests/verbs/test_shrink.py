@@ -17,7 +17,7 @@ from cornerforge.analysis.crash_types import STRIKERS, classify_crashes
 from cornerforge.analysis.shrink import AV, BVS, NOBODY, Reproducer
 from cornerforge.analysis.shrink import shrink as shrink_script
 from cornerforge.cli import main
-from cornerforge.drivers.avs import av_named
+from cornerforge.drivers.avs import av_named, numbers_of_av
 from cornerforge.drivers.mobil import MobilParams
 from cornerforge.errors import CornerForgeError, InputError, OutputError, ReplayError, UnknownNameError
 from cornerforge.experiment.setting import experiment
@@ -26,7 +26,6 @@ from cornerforge.library.filling import MODEL_FILE
 from cornerforge.results import ShrunkLibrary
 from cornerforge.sim.recorder import scenario_digest
 from cornerforge.sim.scripted import NATURAL, START_FIELDS, Script, ScriptDriver, scripted_start
-from cornerforge.sim.world import numbers_of_av
 from cornerforge.verbs.cases import experiment_of
 
 pytestmark = pytest.mark.full

@@ -1,4 +1,9 @@
-"""The adversary: how the BV nearest to the AV learns to make it crash."""
+"""The adversary: how the BV nearest to the AV learns to make it crash.
+
+Programs take policies and presets here. `config` has the hyperparameters, `train` and `train_av` the loops,
+`checkpoint` the files of an unfinished one, `verdicts` the judges of rewards given case by case; `worlds`, a room of
+its own, is where a learner acts.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +23,9 @@ __all__ = [
     "policy_hash",
     "save_policy",
 ]
+
+MODULES = ("checkpoint", "config", "train", "train_av", "verdicts", "worlds")
+"""Modules from which other rooms import too."""
 
 __getattr__ = door(
     "cornerforge",

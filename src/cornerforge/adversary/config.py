@@ -14,7 +14,7 @@ from cornerforge._schema import Declared, Share, check_fields, meant
 from cornerforge.adversary.worlds import reward_numbers
 from cornerforge.drivers.policy import NetworkShape
 from cornerforge.errors import MissingExtraError, UnknownNameError
-from cornerforge.sim import N_OBSERVATION
+from cornerforge.sim import observe
 from cornerforge.world_options import LEARNERS
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class TrainConfig(Declared):
     @property
     def network(self) -> NetworkShape:
         """Shape of the network."""
-        return NetworkShape(N_OBSERVATION, self.n_shared, self.n_stream, self.width)
+        return NetworkShape(observe.N_OBSERVATION, self.n_shared, self.n_stream, self.width)
 
     def make_learner(self, seed: int) -> Learner:
         """Make the learner that has these hyperparameters.

@@ -21,7 +21,7 @@ from cornerforge.adversary.network import TrainableNetwork
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.worlds import Exploring, Transitions
 from cornerforge.drivers.policy import numbers_of_network
-from cornerforge.sim import POLICY
+from cornerforge.sim import controllers
 
 __all__ = ["PRESETS", "PpoConfig", "PpoLearner", "make_learner"]
 
@@ -103,7 +103,7 @@ class PpoLearner:
     def exploring(self, decisions: int) -> Exploring:  # noqa: ARG002  (it always explores alike)
         """Give the policy, which draws its actions."""
         numbers = numbers_of_network(self.network.weights(), self._config.network, self._config.head)
-        return Exploring(POLICY, numbers, 0.0, 0, 0.0)
+        return Exploring(controllers.POLICY, numbers, 0.0, 0, 0.0)
 
     def note(self, batch: Transitions) -> None:
         """Keep one decision of each world until the round."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.adversary.worlds import Transitions
-from cornerforge.sim import N_OBSERVATION
+from cornerforge.sim import observe
 from cornerforge.types import N_ACTIONS
 
 __all__ = ["KEPT", "BalancedMemory", "ReplayMemory", "allocate_transitions"]
@@ -18,7 +18,7 @@ KEPT = tuple(name for name in Transitions._fields if name not in ("allowed", "lo
 """Fields of `Transitions` that a replay memory holds; a learning target needs no others."""
 
 
-def allocate_transitions(n: int, n_inputs: int = N_OBSERVATION) -> Transitions:
+def allocate_transitions(n: int, n_inputs: int = observe.N_OBSERVATION) -> Transitions:
     """Allocate n transitions with observations of `n_inputs` entries."""
     return Transitions(
         np.zeros((n, n_inputs), dtype=np.float32),
@@ -40,7 +40,7 @@ class ReplayMemory:
         n_inputs: Entries of an observation.
     """
 
-    def __init__(self, capacity: int, n_inputs: int = N_OBSERVATION) -> None:
+    def __init__(self, capacity: int, n_inputs: int = observe.N_OBSERVATION) -> None:
         self.capacity = capacity
         self._n_inputs = n_inputs
         self.arrays = allocate_transitions(capacity, n_inputs)
@@ -103,7 +103,7 @@ class BalancedMemory:
         recent, paid: The two memories.
     """
 
-    def __init__(self, capacity: int, n_inputs: int = N_OBSERVATION, share: float = 0.0) -> None:
+    def __init__(self, capacity: int, n_inputs: int = observe.N_OBSERVATION, share: float = 0.0) -> None:
         self.recent = ReplayMemory(capacity, n_inputs)
         self.paid = ReplayMemory(max(capacity // 4, 1), n_inputs)
         self._share = share

@@ -42,13 +42,12 @@ from cornerforge.errors import FileFormatError, InputError, MissingExtraError
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.results.learning import TrainingPoint
 from cornerforge.sim import (
-    N_OBSERVATION,
-    TOLD,
     Setting,
     allocate_scratch,
-    arrays_of,
+    controllers,
     keep_nothing,
     naming_tests,
+    observe,
     warn_of_left_out,
 )
 
@@ -133,7 +132,7 @@ class _Actor:
         self._cases = None if verdict is None else CrashCases(setting, slots, verdict)
         self._scratch = allocate_scratch(slots, setting.who.policy)
         self._keep = keep_nothing(slots)
-        self._actors = allocate_actors(config.worlds, setting, slots, N_OBSERVATION)
+        self._actors = allocate_actors(config.worlds, setting, slots, observe.N_OBSERVATION)
         self.finished = self._actors.finished.view(np.int64)
         with naming_tests(self._actors.worlds):
             start_worlds(seed, TRAINING_TESTS, setting, self._scratch, self._actors)
@@ -161,7 +160,7 @@ class _Actor:
         """Everything that `act` changes and needs again, by name; views."""
         actors = self._actors
         return {
-            **{f"worlds.{name}": array for name, array in arrays_of(actors.worlds).items()},
+            **{f"worlds.{name}": array for name, array in actors.worlds.arrays().items()},
             "observation": actors.observation,
             "allowed": actors.allowed,
             "actions": actors.history.action,
@@ -253,7 +252,7 @@ def train_adversary(
     with ExitStack() as stack:
 
         def worlds(numbers: PolicyNumbers) -> Actor:
-            learnt = setting.with_drivers(critical=TOLD, policy=numbers)
+            learnt = setting.with_drivers(critical=controllers.TOLD, policy=numbers)
             if av is None:
                 return _Actor(learnt, slots, config, seed, verdict)
             return stack.enter_context(closing(_OutsideActor(learnt, slots, config, seed, verdict, av, threads)))

@@ -28,17 +28,13 @@ from cornerforge.adversary.worlds import (
     start_av_worlds,
 )
 from cornerforge.drivers.avs import AV_KINDS
-from cornerforge.drivers.policy import NetworkShape, PolicyNumbers
+from cornerforge.drivers.policy import LEARNED_WIDTH, NetworkShape, PolicyNumbers
 from cornerforge.errors import InputError
 from cornerforge.sim import (
-    ADVERSARIES,
-    DECIDES_EVERY,
-    LEARNED_WIDTH,
-    N_AV_FEATURES,
-    NOBODY,
     Setting,
     allocate_scratch,
-    arrays_of,
+    av_features,
+    controllers,
     keep_nothing,
     naming_tests,
     warn_of_left_out,
@@ -74,7 +70,7 @@ class AvTrainConfig(DqnConfig):
     @property
     def network(self) -> NetworkShape:
         """Shape of the Q-network."""
-        return NetworkShape(N_AV_FEATURES, self.n_shared, self.n_stream, self.width)
+        return NetworkShape(av_features.N_AV_FEATURES, self.n_shared, self.n_stream, self.width)
 
     @property
     def av_reward(self) -> AvReward:
@@ -84,7 +80,7 @@ class AvTrainConfig(DqnConfig):
     @property
     def adversaries(self) -> NDArray[np.void]:
         """The adversaries by turns, as kernels take them."""
-        turns = [(ADVERSARIES[name], bounded) for name, bounded in self.hostile]
+        turns = [(controllers.ADVERSARIES[name], bounded) for name, bounded in self.hostile]
         return np.array(turns, dtype=HOSTILE)
 
 
@@ -125,8 +121,8 @@ class _Actor:
         self._reward = config.av_reward
         self._scratch = allocate_scratch(slots, setting.who.policy)
         self._keep = keep_nothing(slots)
-        self._actors = allocate_av_actors(config.worlds, slots, N_AV_FEATURES, config.adversaries)
-        self._out = allocate_transitions(AV_DECISIONS * config.worlds, N_AV_FEATURES)
+        self._actors = allocate_av_actors(config.worlds, slots, av_features.N_AV_FEATURES, config.adversaries)
+        self._out = allocate_transitions(AV_DECISIONS * config.worlds, av_features.N_AV_FEATURES)
         self.finished = self._actors.finished.view(np.int64)
         with naming_tests(self._actors.worlds):
             start_av_worlds(seed, TRAINING_TESTS, setting, self._scratch, self._actors)
@@ -154,7 +150,7 @@ class _Actor:
         """Everything that `act` changes and needs again, by name; views."""
         actors = self._actors
         return {
-            **{f"worlds.{name}": array for name, array in arrays_of(actors.worlds).items()},
+            **{f"worlds.{name}": array for name, array in actors.worlds.arrays().items()},
             "observation": actors.observation,
             "allowed": actors.allowed,
             "finished": self.finished,
@@ -202,7 +198,7 @@ def train_av(
 
     def worlds(network: PolicyNumbers) -> _Actor:
         av = setting.av._replace(kind=AV_KINDS["learned"].code, network=network)
-        road = setting.road._replace(av_substeps=DECIDES_EVERY)
-        return _Actor(setting._replace(av=av, road=road).with_drivers(critical=NOBODY), slots, config, seed)
+        road = setting.road._replace(av_substeps=av_features.DECIDES_EVERY)
+        return _Actor(setting._replace(av=av, road=road).with_drivers(critical=controllers.NOBODY), slots, config, seed)
 
     return train_in(worlds, config, seed, threads, max_seconds, progress, checkpoint)

@@ -9,7 +9,8 @@ import numpy as np
 
 from cornerforge.adversary.worlds import Verdict, driver_of_reward, reward_named
 from cornerforge.drivers.careful import CAREFUL
-from cornerforge.sim import SUBSTEPS, allocate_harvest, is_full
+from cornerforge.sim import harvest
+from cornerforge.types import SUBSTEPS
 from cornerforge.work import Rooms, in_order
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
     from cornerforge.experiment.experiments import Experiment
     from cornerforge.recordings import Recordings
-    from cornerforge.sim import Harvest, Recorder
+    from cornerforge.sim import Recorder, harvest
     from cornerforge.types import Odd
 
 __all__ = ["Paid", "count_paid", "judge_by_case", "verdict_of"]
@@ -104,24 +105,24 @@ def judge_by_case(run: Experiment, seed: int, crashed: Sequence[int], reward: st
     if judge is None:
         return None
 
-    def make() -> tuple[Recorder, Harvest]:
-        return run.recorder(), allocate_harvest(_ROOM, run.slots, run.setting.road.max_decisions)
+    def make() -> tuple[Recorder, harvest.Harvest]:
+        return run.recorder(), harvest.allocate_harvest(_ROOM, run.slots, run.setting.road.max_decisions)
 
     rooms = Rooms(make)
     longest = SUBSTEPS * int(run.setting.road.max_decisions) + 1, run.slots
 
     def work(first: int, count: int) -> Paid:
         parts = []
-        with rooms.lend() as (recorder, harvest):
-            harvest.clear()
+        with rooms.lend() as (recorder, cases):
+            cases.clear()
             for test in crashed[first : first + count]:
                 recorder.drive(seed, test)
-                recorder.keep(harvest)
-                if is_full(harvest, *longest):
-                    parts.append(judge(harvest.recordings()))
-                    harvest.clear()
-            if harvest.n_cases:
-                parts.append(judge(harvest.recordings()))
+                recorder.keep(cases)
+                if harvest.is_full(cases, *longest):
+                    parts.append(judge(cases.recordings()))
+                    cases.clear()
+            if cases.n_cases:
+                parts.append(judge(cases.recordings()))
         return _joined(parts)
 
     return _joined(list(in_order(work, 0, len(crashed), chunk=_ROOM, threads=run.processes(threads))))

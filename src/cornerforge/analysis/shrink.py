@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cornerforge.analysis.crash_types import CRASH_TYPES, STRIKERS, classify_crashes
 from cornerforge.analysis.ddmin import ddmin
 from cornerforge.errors import InputError
-from cornerforge.sim import NATURAL, Ending, Script, ScriptDriver
+from cornerforge.sim import Script, ScriptDriver, scripted
 from cornerforge.types import FRAME_S, Scenario
 
 __all__ = ["AFTERMATH_S", "AV", "BVS", "CAUSES", "NOBODY", "STEERS_M_PER_S", "Reproducer", "Shrunk", "Size", "shrink"]
@@ -105,7 +105,7 @@ class Reproducer:
             if not self.is_lost(script):
                 break
 
-    def _kind(self, script: Script, ending: Ending) -> tuple[int, int, int] | None:
+    def _kind(self, script: Script, ending: scripted.Ending) -> tuple[int, int, int] | None:
         if ending.pose is None:
             return None
         # Rounded as the library stores it, so that an analysis of the library sees the same type.
@@ -130,7 +130,7 @@ class Reproducer:
         decisions = min(len(script.action) + AFTERMATH_S, self._most)
         if script.poses is not None:
             decisions = min(decisions, (len(script.poses) - 1) // _DECISION_FRAMES)
-        natural = np.full((decisions, script.slot.size), NATURAL, dtype=np.int8)
+        natural = np.full((decisions, script.slot.size), scripted.NATURAL, dtype=np.int8)
         ending = self._driver.drive(replace(script, action=natural), av_is_natural=self.cause == AV)
         return ending.failed or ending.pose is not None
 
@@ -229,14 +229,14 @@ class _Search:
     def naturally(self, script: Script) -> Script:
         """Name only those actions that deviate; what happens stays the same."""
         deviating = self._deviating(script)
-        return replace(script, action=np.where(deviating, script.action, NATURAL).astype(np.int8))
+        return replace(script, action=np.where(deviating, script.action, scripted.NATURAL).astype(np.int8))
 
     def fewest_actions(self, script: Script) -> Script:
         """Replace deviating actions of BVs by the likeliest."""
-        named = [tuple(place) for place in np.argwhere(script.action != NATURAL).tolist()]
+        named = [tuple(place) for place in np.argwhere(script.action != scripted.NATURAL).tolist()]
 
         def only(kept: list[tuple[int, ...]]) -> Script:
-            action = np.full_like(script.action, NATURAL)
+            action = np.full_like(script.action, scripted.NATURAL)
             for place in kept:
                 action[place] = script.action[place]
             return replace(script, action=action)
@@ -245,7 +245,7 @@ class _Search:
 
     def softened(self, script: Script) -> Script:
         """Replace each deviating action by the likeliest that `case` accepts, the earliest first."""
-        for k, i in np.argwhere(script.action != NATURAL).tolist():
+        for k, i in np.argwhere(script.action != scripted.NATURAL).tolist():
             _, chances = self._driver.record(script)
             p = chances[k, i]
             for action in np.argsort(-p, kind="stable").tolist():
@@ -264,7 +264,7 @@ class _Search:
         scenario, chances = self._driver.record(script)
         deviating = np.zeros(script.action.shape, dtype=np.bool_)
         deviating[: len(scenario.action)] = _deviations(scenario, chances)
-        return np.asarray(deviating & (script.action != NATURAL), np.bool_)
+        return np.asarray(deviating & (script.action != scripted.NATURAL), np.bool_)
 
 
 def _deviations(scenario: Scenario, chances: NDArray[np.float64]) -> NDArray[np.bool_]:

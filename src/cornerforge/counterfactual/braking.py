@@ -16,7 +16,7 @@ from cornerforge._jit import kernel
 from cornerforge.geometry import Box, boxes_overlap, path_at, plan_path
 from cornerforge.recordings import BODY_FIELDS, Trajectories, box_in, recordings_of, unpack
 from cornerforge.road.straight import lane_centre, road_numbers
-from cornerforge.sim import allocate_recording, go_on
+from cornerforge.sim import allocate_recording, motion
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -193,7 +193,7 @@ def is_avoidable(test: Trajectories, last: int, partner: int, road: RoadNumbers,
     other_v = other.speed
     other_clock = 0.0
     for f in range(begin + 1, begin + _LONGEST_FRAMES + 1):
-        way, _, speed, _ = go_on(v0, a0, -braking.deceleration, (f - begin) * _DT, road)
+        way, _, speed, _ = motion.go_on(v0, a0, -braking.deceleration, (f - begin) * _DT, road)
         x = x0 + way
         clock += _DT * min(1.0, speed / _FULL_STEERING_SPEED)
         y, heading = _across(path, duration, clock, speed, centre)

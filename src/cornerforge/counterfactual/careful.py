@@ -22,7 +22,7 @@ from cornerforge.drivers.careful import CAREFUL, HOLDS, Threat, braking_demanded
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.recordings import BODY_FIELDS, Recordings, Trajectories, box_in, unpack
 from cornerforge.road.straight import way_from
-from cornerforge.sim import World, allocate_recording, hold, move_vehicle
+from cornerforge.sim import World, actions, allocate_recording, motion
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -198,11 +198,11 @@ def _drive(
         if f >= end:
             if f == end:
                 x_end = v[0].x
-                hold(v, 0, -m.stopping, m.evasive)
+                actions.hold(v, 0, -m.stopping, m.evasive)
             elif v[0].speed == 0.0:
                 return -1, reacted, ttc, hardest
             f += 1
-            move_vehicle(v, 0, (f - end) * _DT, m.evasive)
+            motion.move_vehicle(v, 0, (f - end) * _DT, m.evasive)
             continue
         demanded, ttc = _look(test, f, kind, w, ttc)
         if kind == HOLDS:
@@ -216,9 +216,9 @@ def _drive(
         hardest = max(hardest, -command)
         if kind == AT_ONCE:
             v[0].acceleration = command
-        hold(v, 0, command, m.evasive)
+        actions.hold(v, 0, command, m.evasive)
         f += 1
-        move_vehicle(v, 0, _DT, m.evasive)
+        motion.move_vehicle(v, 0, _DT, m.evasive)
 
 
 @kernel

@@ -13,7 +13,7 @@ import numpy as np
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.counterfactual.braking import lateral_plan
 from cornerforge.road.straight import lane_centre, lane_of
-from cornerforge.sim import World, allocate_worlds, hold, move_vehicle, start_lane_change, world_of
+from cornerforge.sim import World, actions, allocate_worlds, motion, world_of
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -68,15 +68,15 @@ def _retrace(w: World, row: int, frames: NDArray[np.void], frame: int, slot: int
     for f in range(first, frame):
         lane = frames[f, slot].target_lane
         if lane != v[row].target_lane or (f == first and not settled):
-            start_lane_change(w, row, lane, road)
+            actions.start_lane_change(w, row, lane, road)
         v[row].x = 0.0
         v[row].speed = frames[f + 1, slot].speed  # the lateral clock goes by the speed at the end of a frame
-        hold(v, row, 0.0, road)
-        move_vehicle(v, row, 0.0, road)
+        actions.hold(v, row, 0.0, road)
+        motion.move_vehicle(v, row, 0.0, road)
         if abs(v[row].y - frames[f + 1, slot].y) > _SAME_M:
             return False
     if frames[frame, slot].target_lane != v[row].target_lane:
-        start_lane_change(w, row, frames[frame, slot].target_lane, road)
+        actions.start_lane_change(w, row, frames[frame, slot].target_lane, road)
     return True
 
 
@@ -112,7 +112,7 @@ def take_over(
     v[row].y = frames[frame, slot].y
     v[row].speed = min(max(frames[frame, slot].speed, 0.0), road.max_speed)  # stored in 32 bits it may be a hair beyond
     v[row].acceleration = min(max(frames[frame, slot].acceleration, -_HARDEST), STRONGEST_ACCELERATION)
-    hold(v, row, acceleration, road)
+    actions.hold(v, row, acceleration, road)
 
 
 @inlined_kernel
@@ -126,7 +126,7 @@ def change_to(w: World, row: int, lane: int, parts: int, evasive: RoadNumbers) -
         way = abs(lane_centre(lane, evasive.lane_width) - w.vehicles[row].y)
         needed = math.sqrt(_PEAK * way / evasive.max_lateral_acceleration)
         w.vehicles[row].change_time = max(_SHORTEST, needed)
-    start_lane_change(w, row, lane, evasive)
+    actions.start_lane_change(w, row, lane, evasive)
 
 
 @kernel
@@ -202,7 +202,7 @@ def continue_recording(
         for f in range(last + 1, until + 1):
             frames[f, j].present = 1 if there else 0
             if there:
-                move_vehicle(v, 0, (f - last) * _DT, road)
+                motion.move_vehicle(v, 0, (f - last) * _DT, road)
                 frames[f, j].x = v[0].x
                 frames[f, j].y = v[0].y
                 frames[f, j].speed = v[0].speed

@@ -13,7 +13,7 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.counterfactual.motion import STRONGEST_ACCELERATION, allocate_rows, change_to, take_over_av
 from cornerforge.geometry import Box, boxes_overlap, path_at
 from cornerforge.recordings import box_in
-from cornerforge.sim import hold, move_vehicle, path_of
+from cornerforge.sim import actions, motion
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -240,7 +240,7 @@ def _is_new(s: SearchScratch, k: int, road: RoadNumbers) -> bool:
     if road.ramp_time > 0.0:
         key = _mix(key, v[k].acceleration)
     if v[k].duration > 0.0:
-        _, speed, acceleration = path_at(path_of(v, k), v[k].clock)
+        _, speed, acceleration = path_at(motion.path_of(v, k), v[k].clock)
         key = _mix(key, speed)
         key = _mix(key, acceleration)
         key = _mix(key, v[k].duration - v[k].clock)
@@ -260,7 +260,7 @@ def _drives_clear(s: SearchScratch, k: int, body: Any, f0: int, m: Manoeuvres, r
     """Move row k from frame f0 to the next decision; False as soon as a vehicle touches it."""
     v = s.rows.vehicles
     for i in range(1, m.every + 1):
-        move_vehicle(v, k, i * _DT, road)
+        motion.move_vehicle(v, k, i * _DT, road)
         for c in range(s.n_near[f0 + i]):
             o = s.near[f0 + i, c]
             if boxes_overlap(
@@ -278,11 +278,11 @@ def _can_stop(s: SearchScratch, k: int, test: Trajectories, end: int, m: Manoeuv
     frames, body = test.frames, test.bodies[0]
     v[k + 1] = v[k]
     x = v[k].x
-    hold(v, k + 1, -m.stopping, road)
+    actions.hold(v, k + 1, -m.stopping, road)
     f = end
     while v[k + 1].speed > 0.0:
         f += 1
-        move_vehicle(v, k + 1, (f - end) * _DT, road)
+        motion.move_vehicle(v, k + 1, (f - end) * _DT, road)
         for j in range(1, test.n):
             if (
                 frames[f, j].present
@@ -317,7 +317,7 @@ def _decides(s: SearchScratch, k: int, choice: int, kind: int, m: Manoeuvres, ro
     if lane < 0 or lane >= road.n_lanes:
         return False
     v[k + 1] = v[k]
-    hold(v, k + 1, m.accelerations[index], road)
+    actions.hold(v, k + 1, m.accelerations[index], road)
     if lateral > 0:
         change_to(s.rows, k + 1, lane, m.parts, road)
     s.chosen[k + 1] = index

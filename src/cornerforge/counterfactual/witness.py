@@ -11,7 +11,7 @@ from cornerforge._jit import kernel
 from cornerforge.counterfactual.motion import change_to, take_over_av
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.recordings import box_in
-from cornerforge.sim import hold, move_vehicle
+from cornerforge.sim import actions, motion
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -70,15 +70,15 @@ def drive_way_out(
                 ):
                     return f
         if f == end:
-            hold(v, 0, -stopping, evasive)
+            actions.hold(v, 0, -stopping, evasive)
             x_end = v[0].x
         if f >= end and v[0].speed == 0.0:
             return -1
         if f < end and (f - moment) % every == 0:
             k = (f - moment) // every
-            hold(v, 0, accelerations[k], evasive)
+            actions.hold(v, 0, accelerations[k], evasive)
             if lanes[k] != v[0].target_lane:
                 change_to(w, 0, lanes[k], m.parts, evasive)
         began = end if f >= end else f - (f - moment) % every
         f += 1
-        move_vehicle(v, 0, (f - began) * _DT, evasive)
+        motion.move_vehicle(v, 0, (f - began) * _DT, evasive)

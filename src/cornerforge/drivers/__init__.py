@@ -1,4 +1,9 @@
-"""Driver models: parameters and kernels that map what a vehicle faces to an acceleration, a gain or an action."""
+"""Driver models: parameters and kernels that map what a vehicle faces to an acceleration, a gain or an action.
+
+Programs take the parameters here: `AVS` and `av_named` (built-in AVs by name), `AvLaw` and `AvModel` (what one is made
+of), `IdmParams`, `MobilParams`, `RssParams`, and `NetworkShape` of a policy. Other rooms take the rest from the module
+of each law.
+"""
 
 from __future__ import annotations
 
@@ -13,27 +18,10 @@ if TYPE_CHECKING:
     from cornerforge.drivers.policy import NetworkShape
     from cornerforge.drivers.rss import RssParams
 
-__all__ = [
-    "AVS",
-    "AvLaw",
-    "AvModel",
-    "IdmParams",
-    "MobilParams",
-    "NetworkShape",
-    "RssParams",
-    "av_named",
-]
+__all__ = ["AVS", "AvLaw", "AvModel", "IdmParams", "MobilParams", "NetworkShape", "RssParams", "av_named"]
 
 __getattr__ = door(
-    "cornerforge.drivers",
-    {
-        "AVS": "avs",
-        "AvLaw": "avs",
-        "AvModel": "avs",
-        "IdmParams": "idm",
-        "MobilParams": "mobil",
-        "NetworkShape": "policy",
-        "RssParams": "rss",
-        "av_named": "avs",
-    },
+    __name__,
+    dict.fromkeys(("AVS", "AvLaw", "AvModel", "av_named"), "avs")
+    | {"IdmParams": "idm", "MobilParams": "mobil", "NetworkShape": "policy", "RssParams": "rss"},
 )

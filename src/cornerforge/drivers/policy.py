@@ -17,6 +17,7 @@ from cornerforge.types import N_ACTIONS
 
 __all__ = [
     "HEADS",
+    "LEARNED_WIDTH",
     "NO_POLICY",
     "NetworkShape",
     "PolicyNumbers",
@@ -30,6 +31,8 @@ __all__ = [
 HEADS = {"greedy": 0, "softmax": 1}
 """Codes of what a policy does with the values of its actions when nothing else is asked for. greedy: it takes the best
 one. softmax: it draws one with odds exp(value). `sim.adversaries` has the kernels."""
+LEARNED_WIDTH = 128
+"""No layer of a learned AV's network is wider."""
 
 
 class NetworkShape(Closed, frozen=True):

@@ -7,7 +7,10 @@ from typing import NamedTuple
 
 from cornerforge._checks import check_in, check_number
 
-__all__ = ["BY_CENTRE", "BY_DECISION", "BY_MOTION", "Sight", "SightNumbers", "numbers_of_sight"]
+__all__ = [
+    "BY_CENTRE", "BY_DECISION", "BY_MOTION", "DECIDED", "HUMAN", "VISIBLE", "Sight", "SightNumbers",
+    "numbers_of_sight",
+]  # fmt: skip
 
 BY_CENTRE, BY_DECISION, BY_MOTION = range(3)
 _CODES = {"centre": BY_CENTRE, "decision": BY_DECISION, "motion": BY_MOTION}
@@ -53,3 +56,11 @@ class SightNumbers(NamedTuple):
 def numbers_of_sight(sight: Sight) -> SightNumbers:
     """Make the constants of a sight for the kernels."""
     return SightNumbers(_CODES[sight.by], sight.offset, sight.perception_time, sight.indicators)
+
+
+DECIDED = SightNumbers(BY_DECISION, 0.0, 0.0, False)
+"""How vehicles are counted."""
+HUMAN = numbers_of_sight(Sight(indicators=True))
+"""How BVs see each other and the AV."""
+VISIBLE = numbers_of_sight(Sight())
+"""Sight that an AV from outside has."""

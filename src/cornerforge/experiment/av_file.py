@@ -12,11 +12,11 @@ from msgspec import structs
 from cornerforge._checksums import read_tensors, weights_of, write_tensors
 from cornerforge._schema import Closed, Whole, meant, read
 from cornerforge.drivers.avs import AVS, AvModel, AvNetwork, av_named
-from cornerforge.drivers.policy import NetworkShape, n_weights
+from cornerforge.drivers.policy import LEARNED_WIDTH, NetworkShape, n_weights
 from cornerforge.drivers.sight import Sight
 from cornerforge.errors import FileFormatError
 from cornerforge.foreign.spec import AvSpec
-from cornerforge.sim import AV_FEATURES_VERSION, LEARNED_WIDTH, N_AV_FEATURES
+from cornerforge.sim import av_features
 
 __all__ = ["AV_FILE_SCHEMA", "RECORDED_AV", "AvHeader", "av_of", "load_av", "rl_av_path", "save_av"]
 
@@ -24,7 +24,7 @@ RECORDED_AV = "recorded"
 """Name of the AV of cases on rails in which whatever was in its seat moves as it was recorded."""
 AV_FILE_SCHEMA = 1
 _KEY = "cornerforge_av"
-_SIGHTS = {1: Sight("decision"), AV_FEATURES_VERSION: Sight()}
+_SIGHTS = {1: Sight("decision"), av_features.AV_FEATURES_VERSION: Sight()}
 """What an AV sees of lane changes, by the version of the features on which it learned."""
 
 
@@ -93,7 +93,7 @@ def load_av(path: Path) -> AvModel:
     told = read(AvHeader, header, f"AV file {path} is damaged")
     _check_versions(told, path)
     shape = told.network
-    if shape.n_inputs != N_AV_FEATURES or shape.width > LEARNED_WIDTH:
+    if shape.n_inputs != av_features.N_AV_FEATURES or shape.width > LEARNED_WIDTH:
         raise FileFormatError(f"AV file {path} is damaged: its network does not fit what an AV sees.")
     weights = weights_of(path, tensors, n_weights(shape), "learned AV")
     about, version = told.about.get("about", "a learned AV"), told.features_version

@@ -13,7 +13,7 @@ from cornerforge.intervals import binomial_interval
 from cornerforge.results import Simulated, from_json
 from cornerforge.results.driving import Distributions, Quantity, TtcLimit
 from cornerforge.results.rates import Interval, Rate
-from cornerforge.sim import Outcomes, Tally, simulate_chunks, statistics
+from cornerforge.sim import Tally, outcome, runner, statistics
 from cornerforge.types import METRES_PER_MILE
 from cornerforge.work.progress import NO_PROGRESS, Progress, moving
 
@@ -86,14 +86,14 @@ def tally_summary(tally: Tally, seconds: float, *, with_distributions: bool) -> 
 def drive_tests(
     run: Experiment, tally: Tally, stage: str, *, seed: int, first: int, tests: int, threads: int | None,
     progress: Progress, counting: bool = False,
-) -> Iterator[tuple[int, Outcomes]]:  # fmt: skip
+) -> Iterator[tuple[int, outcome.Outcomes]]:  # fmt: skip
     """Drive tests of an experiment, add them to a tally, and yield the first test and the outcomes of each range.
 
     Raises:
         AvFaultError: The foreign AV failed in all tests, or in too many.
     """
     with moving(progress, run.answered(), 1.0 / answers_per_test(run.setting), stage, 0, tests) as told:
-        for start, out, counts in simulate_chunks(
+        for start, out, counts in runner.simulate_chunks(
             run.setting, run.slots, seed=seed, first=first, tests=tests, threads=run.processes(threads),
             counting=counting, chunk=run.range_size(CHUNK, tests, threads), drive=run.drive,
         ):  # fmt: skip

@@ -18,15 +18,7 @@ from cornerforge.foreign.driver import Fault, ForeignAv
 from cornerforge.foreign.recorder import ForeignRecorder, ScriptedSeconds
 from cornerforge.foreign.session import answers_per_second, answers_per_test
 from cornerforge.ndd.model import NddModel, model_hash
-from cornerforge.sim import (
-    STEERED,
-    DriveChunk,
-    Recorder,
-    ScriptDriver,
-    Setting,
-    drive_chunk,
-    warm_up,
-)
+from cornerforge.sim import Recorder, ScriptDriver, Setting, controllers, runner
 from cornerforge.types import Odd
 from cornerforge.work import default_threads
 
@@ -82,7 +74,7 @@ class Experiment:
     @property
     def av_steers(self) -> bool:
         """Does the AV steer or follow trajectories, instead of ordering lanes?"""
-        return self.opened_setting.who.av == STEERED
+        return self.opened_setting.who.av == controllers.STEERED
 
     @property
     def opened_setting(self) -> Setting:
@@ -90,9 +82,9 @@ class Experiment:
         return self.setting
 
     @property
-    def drive(self) -> DriveChunk:
+    def drive(self) -> runner.DriveChunk:
         """Return the function that drives a range of tests."""
-        return drive_chunk
+        return runner.drive_chunk
 
     def processes(self, threads: int | None) -> int:
         """Return how many ranges of tests are driven at the same time: as many as threads, or processes of the AV."""
@@ -124,7 +116,7 @@ class Experiment:
 
     def warm_up(self) -> None:
         """Load the compiled kernels, or compile them (once per installation), so that timings leave it out."""
-        warm_up(self.setting, self.slots)
+        runner.warm_up(self.setting, self.slots)
 
     def rest(self) -> None:
         """End the processes of a foreign AV; when it drives again, new ones are started."""
@@ -219,7 +211,7 @@ class _OutsideExperiment(Experiment):
         return self.outside.steering(self.setting)
 
     @property
-    def drive(self) -> DriveChunk:
+    def drive(self) -> runner.DriveChunk:
         return self.outside
 
     def processes(self, threads: int | None) -> int:

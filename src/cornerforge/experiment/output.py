@@ -26,6 +26,8 @@ from cornerforge.work import code_hash
 from cornerforge.work.files import read_json_file, write_json
 
 __all__ = [
+    "IDENTITY",
+    "SUMMARY",
     "called_with",
     "check_new_file",
     "check_new_folder",

@@ -17,7 +17,7 @@ from cornerforge._checksums import read_tensors, weights_of, write_tensors
 from cornerforge._schema import Closed, Whole, meant, read
 from cornerforge.drivers.policy import HEADS, NetworkShape, PolicyNumbers, n_weights, numbers_of_network
 from cornerforge.errors import FileFormatError, InputError
-from cornerforge.sim import N_OBSERVATION, OBSERVATION_VERSION
+from cornerforge.sim import observe
 
 __all__ = [
     "MAX_BUDGET",
@@ -106,7 +106,7 @@ def policy_hash(policy: Policy) -> str:
     mask = f"{policy.bounded} {policy.budget}"
     # The hash of a greedy policy is as it was when there were no others.
     head = "" if policy.head == "greedy" else f" {policy.head}"
-    facts = f"{OBSERVATION_VERSION} {s.n_inputs} {s.n_shared} {s.n_stream} {s.width} {mask}{head}"
+    facts = f"{observe.OBSERVATION_VERSION} {s.n_inputs} {s.n_shared} {s.n_stream} {s.width} {mask}{head}"
     return hashlib.sha256(facts.encode() + policy.weights.astype("<f4").tobytes()).hexdigest()[:16]
 
 
@@ -119,7 +119,7 @@ def save_policy(policy: Policy, path: Path) -> None:
     """
     header = {
         "schema_version": POLICY_SCHEMA,
-        "observation_version": OBSERVATION_VERSION,
+        "observation_version": observe.OBSERVATION_VERSION,
         "network": structs.asdict(policy.shape),
         "head": policy.head,
         "bounded": policy.bounded,
@@ -153,8 +153,8 @@ def _check_versions(header: Mapping[str, object], path: Path) -> None:
     version = header.get("observation_version")
     network = header.get("network")
     inputs = network.get("n_inputs") if isinstance(network, dict) else None
-    if version != OBSERVATION_VERSION or inputs != N_OBSERVATION:
+    if version != observe.OBSERVATION_VERSION or inputs != observe.N_OBSERVATION:
         raise FileFormatError(
             f"Policy file {path} was trained for observation version {version} with {inputs} entries; "
-            f"this cornerforge has version {OBSERVATION_VERSION} with {N_OBSERVATION}. Train it again."
+            f"this cornerforge has version {observe.OBSERVATION_VERSION} with {observe.N_OBSERVATION}. Train it again."
         )

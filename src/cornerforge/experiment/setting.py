@@ -21,21 +21,7 @@ from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.spec import AvSpec, spec_of
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
 from cornerforge.road.straight import road_numbers
-from cornerforge.sim import (
-    ADVERSARIES,
-    AS_LEARNED,
-    BUILT_IN,
-    IDM_BVS,
-    NATURALISTIC,
-    NO_CAST,
-    OUTSIDE,
-    RECORDED,
-    Controllers,
-    Setting,
-    budget_units,
-    cast_of,
-    n_slots,
-)
+from cornerforge.sim import Setting, controllers, n_slots, observe
 from cornerforge.types import Odd, odd_named
 from cornerforge.work import is_spread
 from cornerforge.world_options import WorldOptions
@@ -68,7 +54,7 @@ def temperature_of(acting: str, policies: Sequence[Policy] = ()) -> float:
     (0.0, 0.2)
     """
     draws = any(policy.head != "greedy" for policy in policies)
-    without_number = {"learned": AS_LEARNED if draws else 0.0, "greedy": 0.0}
+    without_number = {"learned": controllers.AS_LEARNED if draws else 0.0, "greedy": 0.0}
     if acting in without_number:
         return without_number[acting]
     name, colon, number = acting.partition(":")
@@ -193,7 +179,7 @@ def experiment(
     ndd = model if isinstance(model, NddModel) else load_model(default_model_path() if model is None else Path(model))
     bounded = bounded or budget is not None
     budget = check_budget(budget, bounded=bounded)
-    known = ("nde", "idm", *(name for name in ADVERSARIES if name not in ("nobody", "policy")))
+    known = ("nde", "idm", *(name for name in controllers.ADVERSARIES if name not in ("nobody", "policy")))
     names = [str(name) for name in ([bv] if isinstance(bv, (str, Path)) else bv)]
     if not names:
         raise InputError("bv names nothing; give an adversary, a policy file, or a list of policy files.")
@@ -226,19 +212,25 @@ def experiment(
         road=road_numbers(road),
         av=numbers_of_av(av_model),
         tables=tables_of(ndd),
-        who=Controllers(
-            av=RECORDED if world.av == RECORDED_AV else OUTSIDE if spec.is_outside else BUILT_IN,
-            critical=ADVERSARIES["nobody" if driver in ("nde", "idm") else driver],
-            others=IDM_BVS if driver == "idm" else NATURALISTIC,
+        who=controllers.Controllers(
+            av=controllers.RECORDED
+            if world.av == RECORDED_AV
+            else controllers.OUTSIDE
+            if spec.is_outside
+            else controllers.BUILT_IN,
+            critical=controllers.ADVERSARIES["nobody" if driver in ("nde", "idm") else driver],
+            others=controllers.IDM_BVS if driver == "idm" else controllers.NATURALISTIC,
             bounded=int(bounded),
             policy=max(numbers, key=lambda p: p.width) if numbers else NO_POLICY,
-            budget=budget_units(budget),
+            budget=observe.budget_units(budget),
             temperature=temperature,
-            cast=NO_CAST
+            cast=controllers.NO_CAST
             if len(policies) < 2
-            else cast_of(numbers, [p.bounded for p in policies], [budget_units(p.budget) for p in policies]),
+            else controllers.cast_of(
+                numbers, [p.bounded for p in policies], [observe.budget_units(p.budget) for p in policies]
+            ),
         ),
     )
-    spoken = {0.0: "greedy", AS_LEARNED: "learned"}.get(temperature, f"softmax:{temperature:g}")
+    spoken = {0.0: "greedy", controllers.AS_LEARNED: "learned"}.get(temperature, f"softmax:{temperature:g}")
     run = Experiment(road, av_model, ndd, driver, bounded, policies, budget, spoken, setting, n_slots(road))
     return with_outside_av(run, ForeignAv(spec, road, seed=seed)) if spec.is_outside else run

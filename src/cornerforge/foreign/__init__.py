@@ -1,4 +1,11 @@
-"""AVs that are not built in: a Python class, a Stable-Baselines3 file, an ONNX file, each in a process of its own."""
+"""AVs that are not built in: a Python class, a Stable-Baselines3 file, an ONNX file, each in a process of its own.
+
+Programs take the interfaces here: what an AV is told, sees and may answer. In the order of a test: `spec` describes an
+AV, `interpreter` and `loaders` say where and how it is loaded, `driver` opens and lends its processes, `session` is
+one of them with its worlds, `answers` makes controls of what it says, `process` has its failures, `recorder` drives its
+tests once more. Beside them `pace` (how fast it is), `av_log` (what it printed), `named_avs` (what this user has
+named), `edge_cases` (what `check-av` tries).
+"""
 
 from __future__ import annotations
 
@@ -11,6 +18,12 @@ if TYPE_CHECKING:
     from cornerforge.foreign.scene import Box, Boxes, Scene, Scenes
 
 __all__ = ["Av", "AvContext", "Box", "Boxes", "Planner", "PlannerForAll", "Scene", "Scenes"]
+
+MODULES = (
+    "answers", "av_log", "driver", "edge_cases", "interpreter", "loaders", "named_avs", "pace", "process", "recorder",
+    "session", "spec",
+)  # fmt: skip
+"""Modules from which other rooms import too."""
 
 __getattr__ = door(
     __name__,

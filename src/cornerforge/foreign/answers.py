@@ -11,7 +11,7 @@ import numpy as np
 
 from cornerforge.foreign import tracking
 from cornerforge.foreign.scene import COLUMNS
-from cornerforge.sim import OUTSIDE, STEERED
+from cornerforge.sim import controllers
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class Carried(NamedTuple):
     """Answers in the form in which they are carried out.
 
     Attributes:
-        answers: (B, W), `sim.answer_width`; NaN where the AV's answer is not usable.
+        answers: (B, W), `Setting.answer_width`; NaN where the AV's answer is not usable.
         failed: Of rows with NaN: what ("raised", "answer" or "left") and a sentence that begins with the AV's name.
     """
 
@@ -46,8 +46,8 @@ class Carried(NamedTuple):
 
 
 def controller_of(form: str) -> int:
-    """Find the controller of `sim.setting` for an AV that answers in a form."""
-    return OUTSIDE if form in ("view", "lane") else STEERED
+    """Find the code of `sim.controllers` for an AV that answers in a form."""
+    return controllers.OUTSIDE if form in ("view", "lane") else controllers.STEERED
 
 
 def carry_out(

@@ -11,18 +11,14 @@ from cornerforge.foreign.pace import announce
 from cornerforge.foreign.process import AvFailureError
 from cornerforge.foreign.session import answers_per_second, seeds_of
 from cornerforge.sim import (
-    AV_CRASH,
-    AV_FAULT,
-    allocate_outcomes,
     allocate_scratch,
-    answer_width,
     keep_nothing,
     lockstep,
     naming_tests,
+    outcome,
     statistics,
     warn_of_left_out,
     world_of,
-    write_outcome,
 )
 
 if TYPE_CHECKING:
@@ -74,7 +70,7 @@ class RangeOfTests:
         self._av, self._session, self._setting, self._slots = av, session, setting, slots
         self._seed, self._first, self._census = seed, first, census
         self._scratch = allocate_scratch(slots, setting.who.policy)
-        self.outcomes = allocate_outcomes(count)
+        self.outcomes = outcome.allocate_outcomes(count)
 
     def drive(self) -> statistics.Counts:
         """Drive all tests; returns what was counted.
@@ -109,7 +105,7 @@ class RangeOfTests:
         tests = np.array(group, dtype=np.int64)
         driven = batch.worlds.state["test"][:, 0]  # a view
         most = int(setting.road.max_decisions) * answers_per_second(setting)
-        log = np.zeros((size, most, answer_width(setting))) if av.keeps_scripts else None
+        log = np.zeros((size, most, setting.answer_width)) if av.keeps_scripts else None
         answered = np.zeros(size, dtype=np.int64)
         begun = 0
         finished: set[int] = set()
@@ -147,8 +143,10 @@ class RangeOfTests:
             warn_of_left_out(scratch)
             finished |= set(driven[ended].tolist())
             for b in ended.tolist():
-                write_outcome(world_of(batch.worlds, b), self.outcomes, int(driven[b]) - self._first, setting.road)
-                if log is not None and batch.worlds.state["outcome"][b, 0] == AV_CRASH:
+                outcome.write_outcome(
+                    world_of(batch.worlds, b), self.outcomes, int(driven[b]) - self._first, setting.road
+                )
+                if log is not None and batch.worlds.state["outcome"][b, 0] == outcome.AV_CRASH:
                     av.keep_script(seed, int(driven[b]), log[b, : answered[b]].copy())
 
     def _narrow(
@@ -180,5 +178,5 @@ class RangeOfTests:
         for test in sorted(spoiled):
             for column in self.outcomes:
                 column[test - self._first] = 0
-            self.outcomes.code[test - self._first] = AV_FAULT
+            self.outcomes.code[test - self._first] = outcome.AV_FAULT
             self._av.note(self._seed, Fault(test, spoiled[test].what, str(spoiled[test])))

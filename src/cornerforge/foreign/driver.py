@@ -31,13 +31,7 @@ from cornerforge.foreign.session import (
 )
 from cornerforge.foreign.spec import AvSpec
 from cornerforge.road.straight import road_numbers
-from cornerforge.sim import (
-    Outcomes,
-    Setting,
-    answer_width,
-    lockstep,
-    statistics,
-)
+from cornerforge.sim import Setting, lockstep, outcome, statistics
 from cornerforge.types import Odd
 
 __all__ = ["MAX_FAULTS", "Fault", "ForeignAv"]
@@ -145,7 +139,7 @@ class ForeignAv:
 
     @property
     def controller(self) -> int:
-        """Controller that it is to the simulator: `sim.OUTSIDE`, or `sim.STEERED` if it steers."""
+        """Controller that it is to the simulator: OUTSIDE, or STEERED if it steers (`sim.controllers`)."""
         return controller_of(self.open()["form"])
 
     @property
@@ -237,7 +231,7 @@ class ForeignAv:
         lockstep.begin(0, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), setting, batch)
         steps = Steps(setting, slots, batch)
         steps.see()
-        steps.act(np.zeros((1, answer_width(setting))))
+        steps.act(np.zeros((1, setting.answer_width)))
 
     def close(self) -> None:
         """End the AV's processes; without this they end with this object or the program."""
@@ -255,7 +249,7 @@ class ForeignAv:
 
     def __call__(
         self, setting: Setting, slots: int, seed: int, first: int, count: int, counting: bool | statistics.Census
-    ) -> tuple[Outcomes, statistics.Counts]:
+    ) -> tuple[outcome.Outcomes, statistics.Counts]:
         """Drive `count` tests from `first` on; the outcome code of a fault is AV_FAULT.
 
         Raises:

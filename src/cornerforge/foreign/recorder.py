@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge.foreign.session import Steps, answers_per_second
-from cornerforge.sim import NATURAL, SCRIPTED, STEERED, Recorder, World, lockstep, ordered_lane, warn_of_left_out
+from cornerforge.sim import Recorder, World, actions, controllers, lockstep, scripted, warn_of_left_out
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -49,10 +49,10 @@ class ForeignRecorder(Recorder):
             script: Its name, and the actions of all vehicles; after them BVs do what is likeliest.
             answers: Of the AV, (A, W).
         """
-        actions = np.full((int(self._setting.road.max_decisions), script.slot.size), NATURAL, dtype=np.int8)
+        actions = np.full((int(self._setting.road.max_decisions), script.slot.size), scripted.NATURAL, dtype=np.int8)
         actions[: len(script.action)] = script.action
         self._forget()
-        setting = self._setting.with_drivers(others=SCRIPTED, script=actions)
+        setting = self._setting.with_drivers(others=controllers.SCRIPTED, script=actions)
         self._answer(script.seed, script.test, setting, answers)
         self._driven(script.seed, script.test)
         return self.scenario()
@@ -79,10 +79,10 @@ class ScriptedSeconds:
 
     def av_lane(self, world: World, setting: Setting) -> int:
         """Find the target lane that the AV chooses at this moment, when the BVs decide."""
-        if self._av.controller == STEERED:  # it chooses none
+        if self._av.controller == controllers.STEERED:  # it chooses none
             return int(world.vehicles[0]["target_lane"])
         order = self._answers(world, setting)[0, 1]
-        return int(ordered_lane(world, 0, int(np.sign(order)), setting.road))
+        return int(actions.ordered_lane(world, 0, int(np.sign(order)), setting.road))
 
     def __call__(self, world: World, setting: Setting) -> None:
         """Advance a running world by one decision of the BVs."""

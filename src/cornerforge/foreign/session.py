@@ -15,17 +15,16 @@ from cornerforge.foreign.edge_cases import ordinary_views, scenes_of
 from cornerforge.foreign.interface import VIEW_SHAPE, AvContext
 from cornerforge.foreign.process import AvFailureError, AvProcess
 from cornerforge.sim import (
-    AV_VIEW_VERSION,
-    SUBSTEPS,
     Setting,
     allocate_scratch,
     av_scene,
+    av_view,
     bicycle,
     keep_nothing,
     lockstep,
     warn_of_left_out,
 )
-from cornerforge.types import FRAME_S, Odd
+from cornerforge.types import FRAME_S, SUBSTEPS, Odd
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -47,7 +46,7 @@ def context_of(odd: Odd, *, batch: int, seed: int) -> AvContext:
         lane_change_duration=odd.lane_change_duration,
         interval=round(odd.av_substeps * FRAME_S, 1),
         test_length=odd.test_length,
-        view_version=AV_VIEW_VERSION,
+        view_version=av_view.AV_VIEW_VERSION,
         seed=seed,
         set_speed=IdmParams().desired_speed,
         wheelbase=tracking.wheelbase(odd.vehicle_length),

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING
 
 from cornerforge._elementary import atan, sin_cos
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.sim import HIGHEST_COMMAND, LOWEST_COMMAND, av_scene, bicycle
-from cornerforge.types import FRAME_S
+from cornerforge.sim import av_scene, bicycle
+from cornerforge.types import FRAME_S, HIGHEST_COMMAND, LOWEST_COMMAND
 
 if TYPE_CHECKING:
     import numpy as np

@@ -34,8 +34,8 @@ from cornerforge.library.case_content import (
     VehicleContent,
 )
 from cornerforge.library.out_case import Fact, MovingCase, plain_facts, plain_text, recorded_script
-from cornerforge.sim import NATURAL, START_FIELDS, SUBSTEPS, Script, n_slots, scripted_start
-from cornerforge.types import CLASSES, FRAME_S, Odd
+from cornerforge.sim import Script, n_slots, scripted
+from cornerforge.types import CLASSES, FRAME_S, SUBSTEPS, Odd
 
 __all__ = [
     "CaseFile",
@@ -53,7 +53,9 @@ _UNITS = {
     "x": "m", "y": "m", "speed": "mps", "lateral_speed": "mps", "heading": "rad", "acceleration": "mps2", "clock": "s",
     "duration": "s", "desired_speed": "mps", "change_time": "s",
 }  # fmt: skip
-_START = {name: f"{name}_{_UNITS[name]}" if name in _UNITS else name for name in START_FIELDS if name not in _BODY}
+_START = {
+    name: f"{name}_{_UNITS[name]}" if name in _UNITS else name for name in scripted.START_FIELDS if name not in _BODY
+}
 """Field of a start -> its name in the file."""
 _WHOLE = ("target_lane", "lanes", "signals", "away")
 _SERIES = ("x_m", "y_m", "speed_mps", "lateral_speed_mps", "heading_rad", "acceleration_mps2", "lane")
@@ -481,8 +483,8 @@ def _pose_faults(poses: PosesContent, place: str, frames: int | None, lanes: int
 
 def _case_of(content: CaseContent, odd: Odd) -> CaseFile:
     vehicles, happened = content.vehicles, content.happened
-    start = scripted_start(np.array([_start_of(one) for one in vehicles], dtype=np.float64))
-    action = np.full((content.seconds, len(vehicles)), NATURAL, dtype=np.int8)
+    start = scripted.scripted_start(np.array([_start_of(one) for one in vehicles], dtype=np.float64))
+    action = np.full((content.seconds, len(vehicles)), scripted.NATURAL, dtype=np.int8)
     poses = None
     recorded = None
     if content.frames is not None:
@@ -514,7 +516,7 @@ def _case_of(content: CaseContent, odd: Odd) -> CaseFile:
 def _start_of(one: VehicleContent) -> list[float]:
     kind = next(index for index, road_user in enumerate(CLASSES) if road_user.name == one.kind)
     body = {"length": one.length_m, "width": one.width_m, "kind": kind}
-    return [float(body[name] if name in body else getattr(one.start, _START[name])) for name in START_FIELDS]
+    return [float(body[name] if name in body else getattr(one.start, _START[name])) for name in scripted.START_FIELDS]
 
 
 def _poses_of(one: PosesContent | UnsetType, frames: int) -> NDArray[np.float64]:

@@ -28,7 +28,7 @@ from cornerforge.library.shards import EncodedShard, encode_tables
 from cornerforge.ndd.model import save_model
 from cornerforge.results import Filled, Simulated
 from cornerforge.results.driving import CasesMade
-from cornerforge.sim import AV_FAULT, NOBODY, Tally, crashed_tests, simulate_chunks
+from cornerforge.sim import Tally, controllers, outcome, runner
 from cornerforge.work import Rooms, in_order
 from cornerforge.work.progress import NO_PROGRESS, Progress, moving
 
@@ -97,7 +97,7 @@ class _RecordingHarvester:
 
     def harvest(self, seed: int, first: int, count: int, *, counting: bool = False) -> Harvested:
         outcomes, counts = self._run.drive(self._run.setting, self._run.slots, seed, first, count, counting)
-        for test in crashed_tests(first, outcomes):
+        for test in runner.crashed_tests(first, outcomes):
             self._recorder.drive(seed, test)
             self._cases.add(self._recorder)
         return harvested_of(first, outcomes, counts, self._cases)
@@ -115,7 +115,7 @@ class _Harvest:
     def chunks(self, first: int, tests: int) -> Generator[Harvested, None, None]:
         """Yield ranges of tests with their cases; the number of threads and the ranges' size change no result."""
         # With an adversary most tests are cases, and cases fill memory; natural crashes are rare.
-        usual = _CHUNK_NATURAL if self.run.setting.who.critical == NOBODY else _CHUNK
+        usual = _CHUNK_NATURAL if self.run.setting.who.critical == controllers.NOBODY else _CHUNK
         chunk = self.run.range_size(usual, tests, self._threads)
         return in_order(self._drive, first, tests, chunk=chunk, threads=self._threads, pool=self.pool)
 
@@ -172,7 +172,7 @@ class _Filler:
         """Take the cases of a range of tests, `most` at most; return the first test that is not done."""
         if self._tally is not None:
             self._tally.add(harvested.outcomes, harvested.counts)
-        self._faults += [harvested.first + int(k) for k in np.flatnonzero(harvested.outcomes.code == AV_FAULT)]
+        self._faults += [harvested.first + int(k) for k in np.flatnonzero(harvested.outcomes.code == outcome.AV_FAULT)]
         tests = harvested.tests if most is None else harvested.tests[:most]
         done = 0
         while done < tests.size:
@@ -286,7 +286,7 @@ def fill_library(
     if tally is not None:
         # The library keeps only the crashes of tests that are done, so their sums need another drive.
         earlier = max(0, min(library.next_test, tests or 0) - tally_from)
-        for first, outcomes, counts in simulate_chunks(
+        for first, outcomes, counts in runner.simulate_chunks(
             run.setting, run.slots, seed=seed, first=tally_from, tests=earlier, threads=n_threads, counting=counting,
             chunk=run.range_size(CHUNK, earlier, threads), drive=run.drive,
         ):  # fmt: skip

@@ -15,25 +15,22 @@ from cornerforge.fields import CASES, TRACKS
 from cornerforge.library.schema import EXTRA_TYPES, arrow_schema, check_extra_name
 from cornerforge.library.tables import POLICY_COLUMNS, tables_of
 from cornerforge.sim import (
-    SUBSTEPS,
-    Buffers,
-    Harvest,
-    Outcomes,
-    Recording,
     Setting,
-    allocate_harvest,
-    allocate_outcomes,
     allocate_scratch,
     allocate_worlds,
-    harvest_range,
-    is_full,
     keep_nothing,
     keep_whole_test,
     naming_tests,
+    outcome,
+    recorder,
     statistics,
     warn_of_left_out,
     world_of,
 )
+from cornerforge.sim import (
+    harvest as harvests,
+)
+from cornerforge.types import SUBSTEPS
 
 __all__ = ["CaseRoom", "Harvested", "Harvester", "Scalar", "harvested_of"]
 
@@ -57,7 +54,7 @@ class Harvested:
     """
 
     first: int
-    outcomes: Outcomes
+    outcomes: outcome.Outcomes
     counts: statistics.Counts
     tests: NDArray[np.int64]
     cases: pa.Table
@@ -77,22 +74,22 @@ class CaseRoom:
         self._policies = tuple(policies)
         self._longest = (SUBSTEPS * decisions + 1, slots)
         cases = max(1, min(_ROOM, _MOST_NUMBERS // (self._longest[0] * slots)))
-        self._harvest = allocate_harvest(cases, slots, decisions)
+        self._harvest = harvests.allocate_harvest(cases, slots, decisions)
         self.clear()
 
     def __len__(self) -> int:
         """Count the cases."""
         return sum(len(part[0]) for part in self._parts) + self._harvest.n_cases
 
-    def room(self) -> Harvest:
+    def room(self) -> harvests.Harvest:
         """Give the buffers with room for at least the longest case; cases in them are moved to tables if necessary."""
-        if is_full(self._harvest, *self._longest):
+        if harvests.is_full(self._harvest, *self._longest):
             self._empty()
         return self._harvest
 
     def add(
-        self, drive: Recording, extra: Mapping[str, Scalar] | None = None, *, start: NDArray[np.void] | None = None,
-        poses: NDArray[np.float64] | None = None,
+        self, drive: recorder.Recording, extra: Mapping[str, Scalar] | None = None, *,
+        start: NDArray[np.void] | None = None, poses: NDArray[np.float64] | None = None,
     ) -> None:  # fmt: skip
         """Add what was driven last.
 
@@ -181,25 +178,25 @@ class Harvester:
             seed, first, count: Which tests.
             counting: Fill the histograms too.
         """
-        out, done = allocate_outcomes(count), 0
+        out, done = outcome.allocate_outcomes(count), 0
         counts = statistics.allocate_counts() if counting else self._no_counts
         at = self._buffers(counts, counting)
         with naming_tests(self._world):
             while done < count:
-                rest = Outcomes._make(column[done:] for column in out)
-                done += harvest_range(seed, first + done, self._setting, at, rest, self._cases.room())
+                rest = outcome.Outcomes._make(column[done:] for column in out)
+                done += harvests.harvest_range(seed, first + done, self._setting, at, rest, self._cases.room())
         warn_of_left_out(self._scratch)
         return harvested_of(first, out, counts, self._cases)
 
     def warm_up(self) -> None:
         """Load the compiled kernels, or compile them, so that timings do not count it."""
         nothing = self._buffers(self._no_counts, False)
-        harvest_range(0, 0, self._setting, nothing, allocate_outcomes(0), self._cases.room())
+        harvests.harvest_range(0, 0, self._setting, nothing, outcome.allocate_outcomes(0), self._cases.room())
 
-    def _buffers(self, counts: statistics.Counts, counting: bool) -> Buffers:
+    def _buffers(self, counts: statistics.Counts, counting: bool) -> harvests.Buffers:
         """Give the buffers in which tests are driven, counted into `counts`."""
         census = statistics.census_of(counting)
-        return Buffers(
+        return harvests.Buffers(
             self._world,
             self._scratch,
             counted=self._nothing._replace(counts=counts, census=census),
@@ -208,7 +205,7 @@ class Harvester:
         )
 
 
-def harvested_of(first: int, outcomes: Outcomes, counts: statistics.Counts, cases: CaseRoom) -> Harvested:
+def harvested_of(first: int, outcomes: outcome.Outcomes, counts: statistics.Counts, cases: CaseRoom) -> Harvested:
     """Make the result from the outcomes and the cases."""
     rows, tracks = cases.take()
     return Harvested(first, outcomes, counts, rows.column("test").to_numpy(), rows, tracks)

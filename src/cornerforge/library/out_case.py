@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, POSE_NUMBERS, SPEED, X, Y, keeps_on
 from cornerforge.errors import InputError
 from cornerforge.geometry import plan_path
-from cornerforge.sim import START_FIELDS, SUBSTEPS, Script, scripted_start
-from cornerforge.types import MAX_LANES, Odd, Scenario
+from cornerforge.sim import Script, scripted
+from cornerforge.types import MAX_LANES, SUBSTEPS, Odd, Scenario
 
 __all__ = [
     "MOST_VEHICLES", "NAME_PATTERN", "Fact", "MovingCase", "OutCase", "check_name", "fact_of_text", "plain_facts",
@@ -249,7 +249,7 @@ def script_of(case: MovingCase, *, set_speed: float | None = None, seed: int = 0
         lane = int(pose[LANE])
         desired = pose[SPEED] if slot or set_speed is None else set_speed
         rows.append(
-            dict.fromkeys(START_FIELDS, 0.0)
+            dict.fromkeys(scripted.START_FIELDS, 0.0)
             | {
                 "x": pose[X], "y": pose[Y], "speed": pose[SPEED], "lateral_speed": pose[LATERAL_SPEED],
                 "heading": pose[HEADING], "acceleration": pose[ACCELERATION], "target_lane": lane,
@@ -260,7 +260,7 @@ def script_of(case: MovingCase, *, set_speed: float | None = None, seed: int = 0
                 **(_to_its_lane(pose, case.odd) if slot == 0 else {}),
             }
         )  # fmt: skip
-    start = scripted_start(np.array([[float(row[name]) for name in START_FIELDS] for row in rows]))
+    start = scripted.scripted_start(np.array([[float(row[name]) for name in scripted.START_FIELDS] for row in rows]))
     n = case.poses.shape[1]
     action = np.full(((len(poses) - 1) // SUBSTEPS, n), -1, dtype=np.int8)
     return Script(np.arange(n, dtype=np.int16), start, action, seed, test, poses)

@@ -18,7 +18,7 @@ from cornerforge._arrow import arrow_fields, arrow_type
 from cornerforge._schema import Declared, Hex, Whole, meant
 from cornerforge.errors import InputError
 from cornerforge.fields import CASES, SIZES, TRACKS, Field
-from cornerforge.sim import START_FIELDS
+from cornerforge.sim import scripted
 
 __all__ = [
     "AV_SIZES",
@@ -51,7 +51,7 @@ SCRIPTED_TRACKS: tuple[Field, ...] = (
     *TRACKS,
     Field(
         "start", "list of float64", "m, m/s, rad, m/s2, s",
-        f"State of each stored vehicle at frame 0, one after the other, exactly: {', '.join(START_FIELDS)}.",
+        f"State of each stored vehicle at frame 0, one after the other, exactly: {', '.join(scripted.START_FIELDS)}.",
         (-1e6, 1e6),
     ),
 )  # fmt: skip

@@ -17,11 +17,11 @@ from cornerforge.drivers.rails import POSE_NUMBERS
 from cornerforge.errors import FileFormatError
 from cornerforge.fields import BODY, CASES, REALS, SERIES, TRACKS, Field
 from cornerforge.library.schema import RAILS_TRACKS, SCRIPTED_TRACKS, arrow_schema
-from cornerforge.sim import START_FIELDS, Script, scripted_start
+from cornerforge.sim import Script, scripted
 from cornerforge.types import Crash, Odd, Scenario
 
 if TYPE_CHECKING:
-    from cornerforge.sim import Harvest
+    from cornerforge.sim import harvest
 
 __all__ = ["POLICY_COLUMNS", "ROW_GROUP", "parquet_bytes", "restore", "script_of", "tables_of"]
 
@@ -33,7 +33,7 @@ ROW_GROUP = 100
 
 
 def tables_of(
-    h: Harvest,
+    h: harvest.Harvest,
     *,
     policies: Sequence[str] = (),
     starts: Sequence[NDArray[np.void]] = (),
@@ -84,7 +84,8 @@ def tables_of(
     if starts:
         named = SCRIPTED_TRACKS
         states = [
-            np.stack([start[name].astype(np.float64) for name in START_FIELDS], axis=1).ravel() for start in starts
+            np.stack([start[name].astype(np.float64) for name in scripted.START_FIELDS], axis=1).ravel()
+            for start in starts
         ]
         tracks["start"] = _lists(np.concatenate(states), np.array([state.size for state in states]))
     if poses:
@@ -105,7 +106,7 @@ def _lists(flat: NDArray[Any], sizes: NDArray[Any]) -> pa.ListArray:
     return pa.ListArray.from_arrays(pa.array(offsets), pa.array(flat[: offsets[-1]].copy()))
 
 
-def _digests(h: Harvest) -> list[str]:
+def _digests(h: harvest.Harvest) -> list[str]:
     """Compute `sim.recorder.scenario_digest` of each case."""
     found = []
     exact = marks = 0
@@ -194,10 +195,10 @@ def script_of(scenario: Scenario, tracks: pa.Table, row: int) -> Script | None:
     if "start" not in tracks.column_names:
         return None
     fields = tracks.column("start")[row].values.to_numpy(zero_copy_only=False).reshape(scenario.slot.size, -1)
-    if fields.shape[1] < len(START_FIELDS):
+    if fields.shape[1] < len(scripted.START_FIELDS):
         raise FileFormatError(f"Case {scenario.case_id} has a start of an earlier version; {MIGRATE}.")
     poses = None
     if "rails" in tracks.column_names:
         flat = tracks.column("rails")[row].values.to_numpy(zero_copy_only=False)
         poses = flat.reshape(-1, scenario.slot.size, POSE_NUMBERS).copy()
-    return Script(scenario.slot, scripted_start(fields), scenario.action, scenario.seed, scenario.test, poses)
+    return Script(scenario.slot, scripted.scripted_start(fields), scenario.action, scenario.seed, scenario.test, poses)

@@ -1,4 +1,8 @@
-"""The naturalistic driving model: its tables, and by name what `cornerforge.ext.calibrate` fits it with."""
+"""The naturalistic driving model: its tables, and by name what `cornerforge.ext.calibrate` fits it with.
+
+Programs take the model and its fit here. Of the modules, `model` is the tables and their file, `grids` where their
+entries lie, `initial` the law of traffic at the start of a test, `memory` how an acceleration depends on the last one.
+"""
 
 from __future__ import annotations
 
@@ -26,6 +30,9 @@ __all__ = [
     "save_model",
     "write_fit_report",
 ]
+
+MODULES = ("grids", "initial", "memory", "model")
+"""Modules from which other rooms import too."""
 
 __getattr__ = door(
     "cornerforge",

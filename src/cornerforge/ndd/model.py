@@ -28,6 +28,7 @@ from cornerforge.types import N_ACCELERATIONS
 
 __all__ = [
     "GAPS",
+    "OLD_SCHEMA",
     "RANGE_RATES",
     "SCHEMA_VERSION",
     "SPEEDS",

@@ -13,17 +13,16 @@ from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
 from cornerforge.ndd.memory import away_chance
 from cornerforge.sim import (
-    NATURALISTIC,
-    NOBODY,
-    RUNNING,
     Setting,
     World,
-    action_probabilities,
     advance,
     allocate_scratch,
     allocate_worlds,
     built_in_av_decides,
+    chances,
+    controllers,
     keep_nothing,
+    outcome,
     reset_world,
     warn_of_left_out,
     world_of,
@@ -105,7 +104,7 @@ def action_chances(
     """
     check_integer("seed", seed, low=0, high=2**63 - 1)
     check_integer("test", test, low=0, high=2**62)
-    if setting.who.critical != NOBODY or setting.who.others != NATURALISTIC:
+    if setting.who.critical != controllers.NOBODY or setting.who.others != controllers.NATURALISTIC:
         raise InputError("Chances of actions are those of natural traffic; this run has other drivers.")
     world = world_of(allocate_worlds(1, slots))
     reset_world(world, seed, test, setting)
@@ -114,10 +113,10 @@ def action_chances(
     p, starters = scratch.choice.p, scratch.choice.starters
     actions, rows, looks, away = [], [], [], []
     for second in range(setting.road.max_decisions):
-        if world.state["outcome"][0] != RUNNING:
+        if world.state["outcome"][0] != outcome.RUNNING:
             break
         present = bool(world.vehicles["present"][slot])
-        chances = np.full((2, p.size), np.nan)
+        found = np.full((2, p.size), np.nan)
         if step is not None:
             lane = step.av_lane(world, setting)
         else:
@@ -125,8 +124,8 @@ def action_chances(
         driver = world.vehicles[slot]
         looks.append(1.0 - away_chance(int(driver["away"]), float(driver["inattention"]), setting.tables.memory))
         for row, attentive in enumerate((True, False) if present else ()):
-            action_probabilities(world, slot, attentive, lane, setting.road, setting.tables, starters, p)
-            chances[row] = p
+            chances.action_probabilities(world, slot, attentive, lane, setting.road, setting.tables, starters, p)
+            found[row] = p
         if step is not None:
             step(world, setting)
         else:
@@ -134,13 +133,13 @@ def action_chances(
         action = int(world.vehicles["action"][slot]) if present else -1
         actions.append(action)
         away.append(present and bool(world.vehicles["away"][slot]))
-        rows.append(chances[:, action])
+        rows.append(found[:, action])
     warn_of_left_out(scratch)
     taken = np.array(rows, dtype=np.float64).reshape(int(world.state["decisions"][0]), 2)
     return ActionChances(np.array(actions, dtype=np.int8), taken[:, 0], taken[:, 1], np.array(looks), np.array(away))
 
 
-def oversight(chances: ActionChances, crash_time: float, overlook: float, overlook_conflict: float) -> Oversight:
+def oversight(found: ActionChances, crash_time: float, overlook: float, overlook_conflict: float) -> Oversight:
     """Judge the decisions of the last 5 s before a crash.
 
     A lane change of attentive chance a and actual chance b > 0 was an attentive choice with probability
@@ -149,19 +148,19 @@ def oversight(chances: ActionChances, crash_time: float, overlook: float, overlo
     half it counts as overlooked.
 
     Args:
-        chances: Chances of the crash partner.
+        found: Chances of the crash partner.
         crash_time: Time of the contact [s], above 0; decisions are 1 s apart, the first at 0.
         overlook, overlook_conflict: The model's chances to overlook a neighbour, and one that starts into the same lane
             at the same moment.
     """
     first = max(0, math.ceil(crash_time - LOOK_BACK_S))
-    last = min(math.ceil(crash_time), chances.action.size)
+    last = min(math.ceil(crash_time), found.action.size)
     seen = np.arange(first, last)
-    seen = seen[chances.action[seen] >= 0]
+    seen = seen[found.action[seen] >= 0]
     if seen.size == 0:
         return Oversight(None, rare_action=False, overlooked=False, looked_away=False)
-    rarest = float(chances.attentive[seen].min())
-    changed = seen[chances.action[seen] <= ACTION_RIGHT]
-    open_eyes = (1.0 - overlook) ** 2 * (1.0 - overlook_conflict) * (chances.looks * chances.attentive)[changed]
-    overlooked = bool((open_eyes < 0.5 * chances.actual[changed]).any())
-    return Oversight(rarest, rarest < RARE_ACTION, overlooked, bool(chances.away[seen].any()))
+    rarest = float(found.attentive[seen].min())
+    changed = seen[found.action[seen] <= ACTION_RIGHT]
+    open_eyes = (1.0 - overlook) ** 2 * (1.0 - overlook_conflict) * (found.looks * found.attentive)[changed]
+    overlooked = bool((open_eyes < 0.5 * found.actual[changed]).any())
+    return Oversight(rarest, rarest < RARE_ACTION, overlooked, bool(found.away[seen].any()))

@@ -13,7 +13,7 @@ import numpy as np
 
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
-from cornerforge.sim import DriveChunk, Setting, drive_chunk, simulate_chunks, statistics
+from cornerforge.sim import Setting, runner, statistics
 from cornerforge.types import FRAME_S, METRES_PER_MILE
 
 __all__ = ["SAMPLE_TESTS", "BvTravel", "bv_travel"]
@@ -45,7 +45,7 @@ def bv_travel(
     seed: int,
     tests: int = SAMPLE_TESTS,
     threads: int = 1,
-    drive: DriveChunk = drive_chunk,
+    drive: runner.DriveChunk = runner.drive_chunk,
 ) -> BvTravel:
     """Drive tests 0 .. `tests` - 1 of a seed with counting on, and take the mean distance of all BVs.
 
@@ -66,7 +66,7 @@ def bv_travel(
     if setting.who.critical:
         raise InputError("The distance of BVs is asked for natural traffic; this run has an adversary.")
     millimetres, driven, counted = [], 0.0, 0
-    for _, outcomes, counts in simulate_chunks(
+    for _, outcomes, counts in runner.simulate_chunks(
         setting, slots, seed=seed, first=0, tests=tests, threads=threads, counting=True, chunk=_GROUP, drive=drive
     ):
         millimetres.append(int(counts.totals[statistics.BV_TRAVEL_MM]))

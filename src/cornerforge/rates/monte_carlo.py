@@ -12,16 +12,7 @@ from typing import Annotated, Any, Self
 from cornerforge._schema import Whole, meant, read
 from cornerforge.errors import FileFormatError
 from cornerforge.intervals import binomial_interval
-from cornerforge.sim import (
-    DriveChunk,
-    Outcomes,
-    Setting,
-    Tally,
-    crashed_tests,
-    drive_chunk,
-    simulate_chunks,
-    statistics,
-)
+from cornerforge.sim import Setting, Tally, outcome, runner, statistics
 from cornerforge.types import METRES_PER_MILE
 from cornerforge.work import cpu_seconds
 
@@ -101,7 +92,7 @@ def drive_blocks(
     threads: int,
     block: int = BLOCK,
     tell: Callable[[int, int], None] | None = None,
-    drive: DriveChunk = drive_chunk,
+    drive: runner.DriveChunk = runner.drive_chunk,
     chunk: int = CHUNK,
 ) -> Generator[Block, None, None]:
     """Drive tests `first` .. `first` + `tests` - 1 of a seed, and yield them block by block; the last may be smaller.
@@ -120,7 +111,7 @@ def drive_blocks(
     chunk = min(chunk, block)
     while block % chunk:  # a block ends where a chunk does
         chunk -= 1
-    chunks = simulate_chunks(
+    chunks = runner.simulate_chunks(
         setting, slots, seed=seed, first=first, tests=tests, threads=threads, chunk=chunk, drive=drive
     )
     with contextlib.closing(chunks):  # an interrupt between two chunks must not leave the pool at work
@@ -129,7 +120,7 @@ def drive_blocks(
 
 
 def _block(
-    chunks: Iterator[tuple[int, Outcomes, statistics.Counts]],
+    chunks: Iterator[tuple[int, outcome.Outcomes, statistics.Counts]],
     first: int,
     tests: int,
     tell: Callable[[int, int], None] | None,
@@ -141,7 +132,7 @@ def _block(
         begin, outcomes, counts = next(chunks)
         assert begin == first + done
         tally.add(outcomes, counts)
-        crashed += crashed_tests(begin, outcomes)
+        crashed += runner.crashed_tests(begin, outcomes)
         if tell is not None:
             tell(tally.tests + tally.av_faults, len(crashed))
     return Block.of(tally, started, time.perf_counter(), crashed)
@@ -156,7 +147,7 @@ def drive_block(
     tests: int,
     threads: int,
     tell: Callable[[int, int], None] | None = None,
-    drive: DriveChunk = drive_chunk,
+    drive: runner.DriveChunk = runner.drive_chunk,
 ) -> Block:
     """Drive tests `first` .. `first` + `tests` - 1 of a seed as one block; arguments as of `drive_blocks`."""
     (only,) = drive_blocks(

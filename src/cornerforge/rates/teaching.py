@@ -29,7 +29,7 @@ from cornerforge.rates.branching import (
     danger,
     drive_trees,
 )
-from cornerforge.sim import BUILT_IN, Setting
+from cornerforge.sim import Setting, controllers
 
 try:
     import torch
@@ -116,7 +116,7 @@ def level_of(network: danger.Network, setting: Setting, slots: int, seed: int, t
     """Estimate the mean danger at the start of a test; returns it and the CPU seconds it took."""
     nothing = plan_of(network, 1e30)._replace(floor=0.0)  # no tree is driven, so an AV from outside is not asked
     pilot = drive_trees(
-        setting.with_drivers(av=BUILT_IN), slots, nothing, seed=seed, first=0, tests=_PILOT, threads=threads
+        setting.with_drivers(av=controllers.BUILT_IN), slots, nothing, seed=seed, first=0, tests=_PILOT, threads=threads
     )
     return max(_LEAST_LEVEL, float(pilot.trees["danger"].mean())), pilot.cpu_seconds
 

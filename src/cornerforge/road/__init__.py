@@ -2,8 +2,13 @@
 
 Only this package computes with positions along the road (`x`): a test keeps this arithmetic out of all others, so
 another kind of road has one place to go to. Now there is one kind, `straight`.
+
+`straight` has scalar kernels of a vehicle record and a slot, and the same for arrays.
 """
 
 from cornerforge.road import straight
 
 __all__ = ["straight"]
+
+MODULES = ("straight",)
+"""Modules from which other rooms import too."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import path_at, plan_path
 from cornerforge.road.straight import begin_along, lane_centre
-from cornerforge.sim.world import path_of
+from cornerforge.sim.motion import path_of
 from cornerforge.types import (
     ACCELERATION_STEP,
     ACCELERATIONS,
@@ -23,11 +23,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.road.straight import RoadNumbers
-    from cornerforge.sim.world import World
+from cornerforge.sim.world import World
 
 __all__ = [
-    "HIGHEST_COMMAND",
-    "LOWEST_COMMAND",
     "apply_action",
     "hold",
     "nearest_action",
@@ -38,8 +36,6 @@ __all__ = [
 _HARDEST = float(ACCELERATIONS[0])
 _SIXTH = 1.0 / 6.0
 _PLACES_PER_MPS2 = round(1.0 / ACCELERATION_STEP)
-LOWEST_COMMAND, HIGHEST_COMMAND = -8.0, 2.0
-"""Limits to which the commands of an AV outside the kernels are cut [m/s2]."""
 
 
 @kernel

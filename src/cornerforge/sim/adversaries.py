@@ -12,7 +12,7 @@ from cornerforge._jit import inlined_kernel, kernel, kernel_by_code
 from cornerforge._philox import PURPOSE_ACT, PURPOSE_EXPLORE, block, uniform
 from cornerforge.drivers.policy import HEADS, best_action, q_values
 from cornerforge.road.straight import ahead_by
-from cornerforge.sim.setting import ADVERSARIES, POLICY
+from cornerforge.sim.controllers import ADVERSARIES, POLICY
 from cornerforge.sim.world import moment_of
 from cornerforge.types import ACTION_ACCELERATIONS, ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, N_ACTIONS
 

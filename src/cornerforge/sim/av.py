@@ -14,9 +14,10 @@ from cornerforge.sim.neighbours import neighbours_in_lane
 from cornerforge.sim.sight import lane_entered, lanes_seen
 
 if TYPE_CHECKING:
+    from cornerforge.drivers.avs import AvNumbers
     from cornerforge.drivers.sight import SightNumbers
     from cornerforge.road.straight import RoadNumbers
-    from cornerforge.sim.world import AvNumbers, World
+    from cornerforge.sim.world import World
 
 __all__ = ["av_decide", "lead_acceleration", "must_give_way", "side_gain"]
 

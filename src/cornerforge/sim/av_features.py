@@ -40,9 +40,19 @@ if TYPE_CHECKING:
     from cornerforge.sim.scratch import AvScratch
     from cornerforge.sim.world import World
 
-__all__ = ["AV_FEATURES_VERSION", "N_AV_FEATURES", "av_actions_allowed", "av_features", "av_order", "look_as_av"]
+__all__ = [
+    "AV_FEATURES_VERSION",
+    "DECIDES_EVERY",
+    "N_AV_FEATURES",
+    "av_actions_allowed",
+    "av_features",
+    "av_order",
+    "look_as_av",
+]
 
 AV_FEATURES_VERSION = 2
+DECIDES_EVERY = 5
+"""Substeps (0.1 s) between two decisions of the learned AV."""
 """Raised whenever the meaning of an entry changes; stored with every learned AV.
 
 In version 1 a vehicle was in its target lane as soon as its driver had decided. AVs that learned so go on seeing so

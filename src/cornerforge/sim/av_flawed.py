@@ -14,12 +14,13 @@ from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.av import must_give_way
 from cornerforge.sim.neighbours import SIGHT
 from cornerforge.sim.sight import lanes_seen
-from cornerforge.types import FRAME_S
+from cornerforge.types import FRAME_S, SUBSTEPS
 
 if TYPE_CHECKING:
+    from cornerforge.drivers.avs import AvNumbers
     from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.scratch import AvScratch
-    from cornerforge.sim.world import AvNumbers, World
+    from cornerforge.sim.world import World
 
 __all__ = ["flawed"]
 
@@ -34,22 +35,21 @@ NOTICES = 100.0
 BEYOND = 1.3
 """How far beyond the line its centre is when the hesitating AV turns back [m]: its body has left the old lane."""
 _SIDES = (1, -1)
-_PER_SECOND = round(1.0 / FRAME_S)
 _LATE, _NOT_BEHIND, _BLIND_SIDE, _FORGETS, _HESITATES = LATE, NOT_BEHIND, BLIND_SIDE, FORGETS, HESITATES
 
 
 @inlined_kernel
 def _notice(w: World, now: int, av: AvNumbers) -> None:
-    """Note for all vehicles since when the AV knows of them (`VEHICLE.noticed`); beyond `NOTICES` it knows of none."""
+    """Note for all vehicles since when the AV knows of them (`World.noticed`); beyond `NOTICES` it knows of none."""
     v = w.vehicles
     for k in range(w.state[0].n_current):
         j = w.current[k]
         if abs(ahead_by(v, 0, j)) > NOTICES:
-            v[j].noticed = 0
-        elif v[j].noticed == 0:
+            w.noticed[j] = 0
+        elif w.noticed[j] == 0:
             room = gap(v, 0, j)
             if av.flaw == _FORGETS or 0.0 < room <= LATE_TTC * (v[0].speed - v[j].speed):
-                v[j].noticed = now
+                w.noticed[j] = now
 
 
 @inlined_kernel
@@ -58,13 +58,13 @@ def _overlooks(w: World, j: int, now: int, av: AvNumbers) -> bool:
     v = w.vehicles
     overlooked = False
     if av.flaw == _LATE:
-        overlooked = v[j].noticed == 0 and gap(v, 0, j) > 0.0
+        overlooked = w.noticed[j] == 0 and gap(v, 0, j) > 0.0
     elif av.flaw == _NOT_BEHIND:
         overlooked = ahead_by(v, 0, j) < 0.0
     elif av.flaw == _BLIND_SIDE:
         overlooked = v[j].y - v[0].y > LEFT
     elif av.flaw == _FORGETS:
-        overlooked = v[j].noticed > 0 and (now - v[j].noticed) * FRAME_S > REMEMBERS
+        overlooked = w.noticed[j] > 0 and (now - w.noticed[j]) * FRAME_S > REMEMBERS
     return overlooked
 
 
@@ -109,7 +109,7 @@ def flawed(w: World, substep: int, road: RoadNumbers, av: AvNumbers, _scratch: A
     v = w.vehicles
     state = w.state[0]
     speed = v[0].speed
-    now = _PER_SECOND * (state.decisions if substep == 0 else state.decisions - 1) + substep + 1
+    now = SUBSTEPS * (state.decisions if substep == 0 else state.decisions - 1) + substep + 1
     if av.flaw == _FORGETS or av.flaw == _LATE:
         _notice(w, now, av)
     command = free_acceleration(speed, av.idm)

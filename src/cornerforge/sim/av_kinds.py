@@ -18,27 +18,24 @@ from cornerforge.drivers.policy import best_action, q_values
 from cornerforge.drivers.rss import rss_braking, rss_distance
 from cornerforge.road.straight import ahead_by, gap, half_lengths, half_widths, lane_of
 from cornerforge.sim.av import av_decide, lead_acceleration, must_give_way, side_gain
-from cornerforge.sim.av_features import av_order, look_as_av
+from cornerforge.sim.av_features import DECIDES_EVERY, av_order, look_as_av
 from cornerforge.sim.av_flawed import flawed
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane
 from cornerforge.sim.sight import lane_entered
-from cornerforge.types import ACCELERATIONS, FRAME_S
+from cornerforge.types import ACCELERATIONS, FRAME_S, SUBSTEPS
 
 if TYPE_CHECKING:
+    from cornerforge.drivers.avs import AvNumbers
     from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.scratch import AvScratch
-    from cornerforge.sim.world import AvNumbers, World
+    from cornerforge.sim.world import World
 
 __all__ = [
-    "DECIDES_EVERY",
     "built_in_av_decides",
 ]
 
 BESIDE = 2.0
 """A vehicle is beside the AV when their boxes overlap lengthwise, or would if one were this much longer [m]."""
-DECIDES_EVERY = 5
-"""Substeps (0.1 s) between two decisions of the learned AV."""
-_PER_SECOND = round(1.0 / FRAME_S)
 _PLAIN, _CAUTIOUS = AV_KINDS["plain"].code, AV_KINDS["cautious"].code
 _ACCELERATIONS = ACCELERATIONS
 _SIDES = (1, -1)
@@ -219,18 +216,18 @@ def _braking_demanded_of_all(w: World, av: AvNumbers) -> float:
 def _careful(w: World, substep: int, road: RoadNumbers, av: AvNumbers, _scratch: AvScratch) -> tuple[float, int]:
     """Follow gently, and brake as the reference driver does from when it sees danger until nothing asks for braking."""
     v = w.vehicles
-    state = w.state[0]
+    state, own = w.state[0], w.av[0]
     lane = v[0].target_lane
     gentle = lead_acceleration(w, 0, v[0].lanes, av.sight, road, av)
     demanded = _braking_demanded_of_all(w, av)
-    now = _PER_SECOND * (state.decisions if substep == 0 else state.decisions - 1) + substep + 1
-    if demanded > 0.0 and state.av_alarmed == 0:
-        state.av_alarmed = now
+    now = SUBSTEPS * (state.decisions if substep == 0 else state.decisions - 1) + substep + 1
+    if demanded > 0.0 and own.alarmed == 0:
+        own.alarmed = now
     if demanded == 0.0 and gentle >= 0.0:
-        state.av_alarmed = 0
-    if state.av_alarmed == 0:
+        own.alarmed = 0
+    if own.alarmed == 0:
         return gentle, lane
-    since = (now - state.av_alarmed) * FRAME_S
+    since = (now - own.alarmed) * FRAME_S
     step = road.av_substeps * FRAME_S
     hard = braking_of(av.careful, since, demanded, v[0].acceleration, step, own_reaction(av.careful))
     return min(gentle, hard), lane

@@ -31,11 +31,11 @@ from typing import TYPE_CHECKING, Any
 
 from cornerforge._elementary import sin_cos
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.drivers.sight import VISIBLE
 from cornerforge.geometry import path_at
 from cornerforge.road.straight import distance_left, driven, lane_centre, lane_of
 from cornerforge.sim.av_view import VIEW_COLUMNS, nearest_along, view_of_av
-from cornerforge.sim.sight import VISIBLE
-from cornerforge.sim.world import path_of
+from cornerforge.sim.motion import path_of
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.road.straight import RoadNumbers
-    from cornerforge.sim.world import World
+from cornerforge.sim.world import World
 
 __all__ = [
     "AX",
@@ -81,10 +81,10 @@ _DT = FRAME_S
 def _lateral_acceleration(w: World, j: int) -> float:
     """Compute the acceleration of slot j across the road [m/s2]."""
     v = w.vehicles
-    if j == 0 and w.state[0].av_steers:
+    if j == 0 and w.av[0].steers:
         sine, cosine = sin_cos(v[0].heading)
         speed = v[0].speed * cosine + v[0].lateral_speed * sine
-        bent: float = speed * speed * w.state[0].av_curvature * cosine + v[0].acceleration * sine
+        bent: float = speed * speed * w.av[0].curvature * cosine + v[0].acceleration * sine
         return bent
     if v[j].duration == 0.0:
         return 0.0
@@ -140,10 +140,10 @@ def scene_of_av(w: World, road: RoadNumbers, found: NDArray[np.int64], out: NDAr
     out[0, TIME] = second + _DT * state.substep
     out[0, LEFT_TO_DRIVE] = distance_left(v, 0, road)
     out[0, TARGET_LANE] = v[0].target_lane
-    if state.av_steers:
+    if w.av[0].steers:
         sine, cosine = sin_cos(v[0].heading)
-        out[0, CURVATURE] = state.av_curvature
-        out[0, YAW_RATE] = (v[0].speed * cosine + v[0].lateral_speed * sine) * state.av_curvature
+        out[0, CURVATURE] = w.av[0].curvature
+        out[0, YAW_RATE] = (v[0].speed * cosine + v[0].lateral_speed * sine) * w.av[0].curvature
 
 
 @kernel

@@ -153,12 +153,12 @@ def _show_course(w: World, lateral_acceleration: float, road: RoadNumbers) -> No
 @kernel
 def steer_on(w: World, command: float, wish: float, road: RoadNumbers) -> None:
     """Move the AV, which steers, on by a tenth of a second, to an acceleration [m/s2] and a curvature [1/m]."""
-    v, state = w.vehicles, w.state[0]
+    v, av = w.vehicles, w.av[0]
     heading = v[0].heading
     sine, cosine = sin_cos(heading)
     speed = min(max(v[0].speed * cosine + v[0].lateral_speed * sine, 0.0), road.max_speed)
     begin_along(v, 0, 0.0)
-    before = Motion(0.0, v[0].y, heading, speed, v[0].acceleration, state.av_curvature)
+    before = Motion(0.0, v[0].y, heading, speed, v[0].acceleration, av.curvature)
     ahead, y, heading, speed, now, curvature = roll(before, command, wish, v[0].length, road)
     sine, cosine = sin_cos(heading)
     swing = rear_axle_behind(v[0].length) * speed * curvature
@@ -169,5 +169,5 @@ def steer_on(w: World, command: float, wish: float, road: RoadNumbers) -> None:
     v[0].lateral_speed = speed * sine + swing * cosine
     v[0].acceleration = now
     v[0].commanded = command
-    state.av_curvature = curvature
+    av.curvature = curvature
     _show_course(w, speed * speed * curvature * cosine + now * sine, road)

@@ -21,10 +21,10 @@ from cornerforge.drivers.naturalistic import (
     lane_change_base,
     turn_back_chance,
 )
+from cornerforge.drivers.sight import HUMAN
 from cornerforge.ndd.memory import away_chance, own_rank, remembered_share, word_at
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
-from cornerforge.sim.sight import HUMAN
 from cornerforge.sim.trucks import possible_actions
 from cornerforge.types import (
     ACTION_HOLD,

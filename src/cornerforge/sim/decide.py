@@ -21,14 +21,15 @@ from cornerforge.drivers.naturalistic import (
     lane_change_base,
     sample_row,
 )
+from cornerforge.drivers.sight import HUMAN
 from cornerforge.ndd.memory import away_chance, away_draw, own_word, remembering_word, word_at
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.actions import nearest_action
 from cornerforge.sim.av import lead_acceleration
 from cornerforge.sim.chances import remember_action, return_chance, side_chance
+from cornerforge.sim.controllers import IDM_BVS
 from cornerforge.sim.neighbours import SIGHT, sort_by_x
-from cornerforge.sim.setting import IDM_BVS
-from cornerforge.sim.sight import HUMAN, lanes_seen
+from cornerforge.sim.sight import lanes_seen
 from cornerforge.sim.steering import steer
 from cornerforge.sim.trucks import cut_to_class
 from cornerforge.sim.world import NO_VEHICLE, moment_of
@@ -38,11 +39,12 @@ if TYPE_CHECKING:
     from numpy import uint64
     from numpy.typing import NDArray
 
+    from cornerforge.drivers.avs import AvNumbers
     from cornerforge.drivers.naturalistic import NddTables
     from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.scratch import Scratch
     from cornerforge.sim.setting import Setting
-    from cornerforge.sim.world import AvNumbers, World
+    from cornerforge.sim.world import World
 
 __all__ = ["decide_bvs"]
 

@@ -5,15 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.sim.keep import Keep, write_outcome
+from cornerforge.sim.keep import Keep
 from cornerforge.sim.loop import NEVER, advance, linked_advance
+from cornerforge.sim.outcome import RUNNING, write_outcome
 from cornerforge.sim.statistics import Census, Counts, count_travel
 from cornerforge.sim.step import record_frame
 from cornerforge.sim.traffic import linked_reset_world, reset_world
-from cornerforge.sim.world import RUNNING
 
 if TYPE_CHECKING:
-    from cornerforge.sim.keep import Outcomes, Windows
+    from cornerforge.sim.outcome import Outcomes
+    from cornerforge.sim.runner import Windows
     from cornerforge.sim.scratch import Scratch
     from cornerforge.sim.setting import Setting
     from cornerforge.sim.world import World

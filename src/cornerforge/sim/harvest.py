@@ -14,18 +14,18 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.fields import BODY, CASE_ROW, HISTORY_SHAPE, REALS
 from cornerforge.recordings import Recordings, recordings_of_columns
 from cornerforge.road.straight import ahead_by, half_lengths, half_widths
+from cornerforge.sim.controllers import POLICY, cast_index
 from cornerforge.sim.drive import drive_test
-from cornerforge.sim.keep import write_outcome
-from cornerforge.sim.setting import POLICY, cast_index
-from cornerforge.sim.step import SUBSTEPS, forget_frames
-from cornerforge.sim.world import AV_CRASH
-from cornerforge.types import FRAME_S
+from cornerforge.sim.outcome import AV_CRASH, write_outcome
+from cornerforge.sim.step import forget_frames
+from cornerforge.types import FRAME_S, SUBSTEPS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.road.straight import RoadNumbers
-    from cornerforge.sim.keep import Decisions, Keep, Outcomes
+    from cornerforge.sim.keep import Decisions, Keep
+    from cornerforge.sim.outcome import Outcomes
     from cornerforge.sim.scratch import Scratch
     from cornerforge.sim.setting import Setting
     from cornerforge.sim.world import World

@@ -1,4 +1,4 @@
-"""Records of a drive: its outcome, frames, decisions and counts. Keeping them does not change the drive."""
+"""Records of a drive: frames, decisions and counts. Keeping them does not change the drive."""
 
 from __future__ import annotations
 
@@ -8,17 +8,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cornerforge._elementary import log
-from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.fields import FRAME_FIELDS
-from cornerforge.road.straight import driven
+from cornerforge._jit import kernel
 from cornerforge.sim.statistics import NOBODY_COUNTED, Census, Counts, allocate_counts
-from cornerforge.sim.step import SUBSTEPS, allocate_recording
-from cornerforge.types import N_ACTIONS
+from cornerforge.sim.step import allocate_recording
+from cornerforge.types import N_ACTIONS, SUBSTEPS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.scratch import ChoiceScratch
     from cornerforge.sim.setting import Setting
     from cornerforge.sim.world import World
@@ -26,37 +23,11 @@ if TYPE_CHECKING:
 __all__ = [
     "Decisions",
     "Keep",
-    "Outcomes",
-    "Windows",
     "allocate_decisions",
-    "allocate_outcomes",
-    "allocate_windows",
     "keep_nothing",
     "keep_whole_test",
     "record_choice",
-    "write_outcome",
 ]
-
-
-class Outcomes(NamedTuple):
-    """How tests ended, one entry a test.
-
-    Attributes:
-        code: Outcome code of `world.py`.
-        frame: Frame (0.1 s) of the crash, or of the end.
-        slot_a, slot_b: Slots in contact, of a test that ended in a crash.
-        bv_crashes: Crashes between BVs.
-        decisions: Seconds begun.
-        distance: How far the AV drove [m].
-    """
-
-    code: NDArray[np.uint8]
-    frame: NDArray[np.int32]
-    slot_a: NDArray[np.int16]
-    slot_b: NDArray[np.int16]
-    bv_crashes: NDArray[np.int16]
-    decisions: NDArray[np.int32]
-    distance: NDArray[np.float64]
 
 
 class Decisions(NamedTuple):
@@ -98,42 +69,6 @@ class Keep(NamedTuple):
     census: Census
 
 
-class Windows(NamedTuple):
-    """Records of tests with windows of time that are counted apart.
-
-    Attributes:
-        until: Ends of the windows, rising [s], (W,); the first begins at 0, each other one where the last ended.
-        counts: Counts with a leading axis of W.
-        states: The first tests after 0, 1, ... whole seconds, (tests, seconds, N) of `fields.FRAME_FIELDS`, all absent
-            before; with 0 tests nothing is noted.
-        lengths: Lengths of the vehicles of the same tests [m], (tests, N).
-    """
-
-    until: NDArray[np.int64]
-    counts: Counts
-    states: NDArray[np.void]
-    lengths: NDArray[np.float64]
-
-
-def allocate_windows(until: NDArray[np.int64], noted: int, slots: int) -> Windows:
-    """Allocate windows with these ends, and the states of `noted` tests of `slots` vehicles."""
-    states = np.zeros((noted, int(until[-1]), slots), dtype=FRAME_FIELDS)
-    return Windows(until, allocate_counts(until.size), states, np.zeros((noted, slots)))
-
-
-def allocate_outcomes(n: int) -> Outcomes:
-    """Allocate the outcomes of n tests."""
-    return Outcomes(
-        np.zeros(n, dtype=np.uint8),
-        np.zeros(n, dtype=np.int32),
-        np.zeros(n, dtype=np.int16),
-        np.zeros(n, dtype=np.int16),
-        np.zeros(n, dtype=np.int16),
-        np.zeros(n, dtype=np.int32),
-        np.zeros(n),
-    )
-
-
 def allocate_decisions(n: int, slots: int) -> Decisions:
     """Allocate n decisions of `slots` vehicles; 0 records nothing."""
     return Decisions(
@@ -158,19 +93,6 @@ def keep_whole_test(setting: Setting, slots: int) -> Keep:
     return keep_nothing(slots)._replace(
         recording=allocate_recording(SUBSTEPS * longest + 1, slots), decisions=allocate_decisions(longest, slots)
     )
-
-
-@inlined_kernel
-def write_outcome(w: World, out: Outcomes, k: int, road: RoadNumbers) -> None:
-    """Write how a world's test ended as entry k."""
-    state = w.state[0]
-    out.code[k] = state.outcome
-    out.frame[k] = state.frame
-    out.slot_a[k] = state.slot_a
-    out.slot_b[k] = state.slot_b
-    out.bv_crashes[k] = state.bv_crashes
-    out.decisions[k] = state.decisions
-    out.distance[k] = driven(w.vehicles, 0, road)
 
 
 @kernel

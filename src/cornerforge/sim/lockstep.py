@@ -12,13 +12,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND, ordered_lane
+from cornerforge.sim.actions import ordered_lane
 from cornerforge.sim.av_scene import show_to_av
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS
+from cornerforge.sim.controllers import STEERED
 from cornerforge.sim.loop import AV_MUST_ANSWER, NEVER, OVER, advance, answer_as_av, steer_as_av
-from cornerforge.sim.setting import STEERED
+from cornerforge.sim.outcome import IDLE, RUNNING
 from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import IDLE, RUNNING, World, allocate_worlds, world_row
+from cornerforge.sim.world import World, allocate_worlds, world_row
+from cornerforge.types import HIGHEST_COMMAND, LOWEST_COMMAND
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -84,7 +86,7 @@ def begin(seed: int, chosen: NDArray[np.int64], tests: NDArray[np.int64], settin
 
 @inlined_kernel
 def answer_with(w: World, answer: NDArray[np.float64], setting: Setting) -> None:
-    """Answer for an AV outside as it gave it, (W,), see `answer_width`; accelerations [m/s2] are cut to [-8, 2]."""
+    """Answer for an AV outside as it gave it, (`Setting.answer_width`,); accelerations [m/s2] are cut to [-8, 2]."""
     if setting.who.av == STEERED:
         steer_as_av(w, answer)
     else:

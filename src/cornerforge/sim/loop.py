@@ -15,20 +15,38 @@ import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel, shared_kernel
 from cornerforge._philox import uniform
-from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND
 from cornerforge.sim.adversaries import choose_action
 from cornerforge.sim.av_kinds import built_in_av_decides
 from cornerforge.sim.chances import action_probabilities, remember_action
+from cornerforge.sim.controllers import (
+    LIKELIEST,
+    NOBODY,
+    POLICY,
+    RAILS,
+    RECORDED,
+    SCRIPTED,
+    TOLD,
+    critical_of,
+    is_outside,
+)
 from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.keep import record_choice
 from cornerforge.sim.neighbours import nearest_bv, sort_by_x
 from cornerforge.sim.observe import allowed_actions, observe, spend_budget
+from cornerforge.sim.outcome import RUNNING
 from cornerforge.sim.rails import name_actions
-from cornerforge.sim.setting import LIKELIEST, NOBODY, POLICY, RAILS, RECORDED, SCRIPTED, TOLD, critical_of, is_outside
 from cornerforge.sim.statistics import count_av, count_choices, count_states, count_travel
-from cornerforge.sim.step import SUBSTEPS, av_acts, begin_to_act, move_on
-from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, RUNNING
-from cornerforge.types import ACCELERATIONS, ACTION_SIDES, FIRST_ACCELERATION, N_ACTIONS
+from cornerforge.sim.step import av_acts, begin_to_act, move_on
+from cornerforge.sim.world import NO_ACTION, NO_VEHICLE
+from cornerforge.types import (
+    ACCELERATIONS,
+    ACTION_SIDES,
+    FIRST_ACCELERATION,
+    HIGHEST_COMMAND,
+    LOWEST_COMMAND,
+    N_ACTIONS,
+    SUBSTEPS,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -67,10 +85,10 @@ _MIDDLE = np.uint64(2**31)
 @inlined_kernel
 def answer_as_av(w: World, command: float, lane: int) -> None:
     """Answer for an AV outside: the acceleration that it holds from now on [m/s2], and its target lane."""
-    state = w.state[0]
-    state.av_has_answered = 1
-    state.av_command = command
-    state.av_lane = lane
+    av = w.av[0]
+    av.has_answered = 1
+    av.command = command
+    av.lane = lane
 
 
 @inlined_kernel
@@ -82,12 +100,12 @@ def steer_as_av(w: World, controls: NDArray[np.float64]) -> None:
         controls: Acceleration [m/s2], cut to [-8, 2], and curvature [1/m] for each tenth of a second until it answers
             again, one pair after the other, at most 20 numbers.
     """
-    state = w.state[0]
-    state.av_steers = 1
+    av = w.av[0]
+    av.steers = 1
     for k in range(0, controls.size, 2):
-        state.av_controls[k] = min(max(controls[k], LOWEST_COMMAND), HIGHEST_COMMAND)
-        state.av_controls[k + 1] = controls[k + 1]
-    answer_as_av(w, state.av_controls[0], w.vehicles[0].target_lane)
+        av.controls[k] = min(max(controls[k], LOWEST_COMMAND), HIGHEST_COMMAND)
+        av.controls[k + 1] = controls[k + 1]
+    answer_as_av(w, av.controls[0], w.vehicles[0].target_lane)
 
 
 @inlined_kernel
@@ -163,10 +181,10 @@ def _drives_as_natural(w: World, substep: int, setting: Setting, s: Scratch) -> 
 @inlined_kernel
 def _av_decides(w: World, substep: int, setting: Setting, s: Scratch) -> tuple[float, int]:
     """Ask the AV's controller what the AV does from now on: acceleration [m/s2] and target lane."""
-    state = w.state[0]
+    av = w.av[0]
     if is_outside(setting.who):
-        state.av_has_answered = 0
-        return state.av_command, state.av_lane
+        av.has_answered = 0
+        return av.command, av.lane
     if setting.who.av == RECORDED:
         return w.vehicles[0].acceleration, w.vehicles[0].target_lane
     if setting.who.av == LIKELIEST:
@@ -301,7 +319,7 @@ def _count_second(w: World, road: RoadNumbers, keep: Keep) -> None:
 def _who_must_answer(w: World, substep: int, setting: Setting) -> int:
     """Say which controller outside the kernels must answer now: AV_MUST_ANSWER, BV_MUST_ANSWER or _NOBODY_MUST."""
     state = w.state[0]
-    if is_outside(setting.who) and state.av_has_answered == 0:
+    if is_outside(setting.who) and w.av[0].has_answered == 0:
         return AV_MUST_ANSWER
     if substep == 0 and setting.who.critical == TOLD and state.bv_has_answered == 0:
         return BV_MUST_ANSWER

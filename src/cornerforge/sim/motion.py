@@ -12,16 +12,16 @@ from cornerforge._elementary import atan
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import path_at
 from cornerforge.road.straight import go_along, go_further, lane_bits, lane_centre
-from cornerforge.sim.world import path_of
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from cornerforge.geometry import Path
     from cornerforge.road.straight import RoadNumbers
 
-__all__ = ["go_on", "move_vehicle"]
+__all__ = ["go_on", "move_vehicle", "path_of"]
 
 _DT = FRAME_S
 _FULL_STEERING_SPEED = 5.0
@@ -145,3 +145,9 @@ def move_vehicle(v: NDArray[np.void], i: int, held: float, road: RoadNumbers) ->
         if after > 0.0:
             v[i].heading = atan(v[i].lateral_speed / after)
     v[i].lanes = lane_bits(v[i].y, 0.5 * v[i].width, v[i].target_lane, road.lane_width)
+
+
+@inlined_kernel
+def path_of(v: NDArray[np.void], i: int) -> Path:
+    """Take the coefficients of vehicle i's lateral path."""
+    return v[i].c0, v[i].c1, v[i].c2, v[i].c3, v[i].c4, v[i].c5

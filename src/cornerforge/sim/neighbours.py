@@ -25,8 +25,8 @@ SIGHT = 200.0
 def _known_neighbours(w: World, lane: int) -> tuple[int, int]:
     """Look up the AV's lead and rear in a lane where `reach` has noted them; -1 for none within sight."""
     v = w.vehicles
-    lead = w.av_lead[lane]
-    rear = w.av_rear[lane]
+    lead = w.av[0].lead[lane]
+    rear = w.av[0].rear[lane]
     if lead >= 0 and ahead_by(v, 0, lead) >= SIGHT:
         lead = NO_VEHICLE
     if rear >= 0 and ahead_by(v, rear, 0) >= SIGHT:
@@ -40,7 +40,7 @@ def neighbours_in_lane(w: World, i: int, lane: int, lane_width: float, sight: Si
 
     `sight` says which lanes a vehicle is in. Vehicles at the same x are ordered by slot.
     """
-    if i == 0 and w.av_lead[lane] != UNKNOWN:
+    if i == 0 and w.av[0].lead[lane] != UNKNOWN:
         return _known_neighbours(w, lane)
     v = w.vehicles
     state = w.state[0]

@@ -19,15 +19,13 @@ from cornerforge.errors import InputError
 from cornerforge.road.straight import lane_bits
 from cornerforge.sim.actions import nearest_action
 from cornerforge.sim.world import VEHICLE, all_current, list_all
+from cornerforge.types import SUBSTEPS
 
 if TYPE_CHECKING:
     from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.world import World
 
 __all__ = ["NO_RAILS", "Rails", "name_actions", "put_on_rails", "rails_of", "ride", "set_speed_of"]
-
-_FRAMES = 10
-"""Frames in a second."""
 
 
 class Rails(NamedTuple):
@@ -125,8 +123,8 @@ def name_actions(w: World, rails: Rails) -> None:
     state: Any = w.state[0]
     row = state.test - rails.first
     last = rails.poses.shape[1] - 1
-    now = min(_FRAMES * state.decisions, last)
-    later = min(now + _FRAMES, last)
+    now = min(SUBSTEPS * state.decisions, last)
+    later = min(now + SUBSTEPS, last)
     for i in range(1, state.n_vehicles):
         if v[i].present:
             change = rails.poses[row, later, i, SPEED] - rails.poses[row, now, i, SPEED]

@@ -38,7 +38,7 @@ _ALL_LANES = -1
 def _lateral_reach(w: World, i: int, road: RoadNumbers) -> float:
     """Bound from above how far slot i, a long body's ends included, moves sideways within the coming second [m]."""
     v = w.vehicles
-    if i == 0 and w.state[0].av_steers:
+    if i == 0 and w.av[0].steers:
         far: float = abs(v[0].lateral_speed) + 0.5 * _HARDEST_TURNING + v[0].length
         return far
     if i > 0 and v[i].duration == 0.0:
@@ -184,9 +184,9 @@ def _note_av_neighbour(w: World, j: int, s: Scratch) -> None:
     v = w.vehicles
     lane = v[j].target_lane
     dx = ahead_by(v, 0, j)
-    nearest = w.av_lead if dx > 0.0 else w.av_rear
+    nearest = w.av[0].lead if dx > 0.0 else w.av[0].rear
     if -_gains(s, j) <= dx <= _falls_back(s, j) or nearest[lane] != NO_VEHICLE:
-        w.av_lead[lane] = UNKNOWN
+        w.av[0].lead[lane] = UNKNOWN
     else:
         nearest[lane] = j
 
@@ -211,8 +211,8 @@ def choose_current(w: World, s: Scratch, everybody: bool, road: RoadNumbers) -> 
         s.is_watched[w.pair_b[k]] = _UNSURE
     _bound_av_neighbours(w, s, road)
     for lane in range(road.n_lanes):
-        w.av_lead[lane] = NO_VEHICLE
-        w.av_rear[lane] = NO_VEHICLE
+        w.av[0].lead[lane] = NO_VEHICLE
+        w.av[0].rear[lane] = NO_VEHICLE
     w.current[0] = 0
     unsure = 0
     found = 1
@@ -228,7 +228,7 @@ def choose_current(w: World, s: Scratch, everybody: bool, road: RoadNumbers) -> 
     state.n_seen = found
     for lane in range(road.n_lanes):
         if unsure & (1 << lane):
-            w.av_lead[lane] = UNKNOWN
+            w.av[0].lead[lane] = UNKNOWN
     for j in range(1, n):
         if s.is_watched[j] and v[j].present:
             w.current[found] = j

@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
 from cornerforge.fields import BODY, REALS, SERIES
+from cornerforge.sim.controllers import cast_index
 from cornerforge.sim.drive import drive_test
 from cornerforge.sim.harvest import NEAR_M, SLOTS, CaseName, Harvest, Recorded, keep_case
 from cornerforge.sim.keep import Keep, keep_whole_test
+from cornerforge.sim.outcome import AV_CRASH, BV_CRASH
 from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
-from cornerforge.sim.setting import Setting, cast_index
-from cornerforge.sim.step import SUBSTEPS, forget_frames
+from cornerforge.sim.setting import Setting
+from cornerforge.sim.step import forget_frames
 from cornerforge.sim.traffic import naming_tests
-from cornerforge.sim.world import AV_CRASH, BV_CRASH, World, allocate_worlds, n_slots, world_of
-from cornerforge.types import FRAME_S, Crash, Odd, Scenario
+from cornerforge.sim.world import World, allocate_worlds, n_slots, world_of
+from cornerforge.types import FRAME_S, SUBSTEPS, Crash, Odd, Scenario
 
 __all__ = ["Recorder", "Recording", "scenario_digest"]
 

@@ -5,23 +5,31 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from cornerforge._checks import check_integer
+from cornerforge.fields import FRAME_FIELDS
 from cornerforge.sim.drive import drive_range, drive_windows
-from cornerforge.sim.keep import Outcomes, Windows, allocate_outcomes, keep_nothing
+from cornerforge.sim.keep import keep_nothing
+from cornerforge.sim.outcome import AV_CRASH, AV_FAULT, Outcomes, allocate_outcomes
 from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.statistics import Census, Counts, allocate_counts, census_of
 from cornerforge.sim.traffic import naming_tests
-from cornerforge.sim.world import AV_CRASH, AV_FAULT, allocate_worlds, world_of
+from cornerforge.sim.world import allocate_worlds, world_of
 from cornerforge.types import METRES_PER_MILE
 from cornerforge.work import in_order
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 __all__ = [
     "DriveChunk",
     "Tally",
+    "Windows",
+    "allocate_windows",
     "crashed_tests",
     "drive_chunk",
     "drive_chunk_by_window",
@@ -88,6 +96,29 @@ class Tally:
             rows[name] = getattr(out, name)
         self.digest.update(rows.tobytes())
         self.counts.add(counts)
+
+
+class Windows(NamedTuple):
+    """Records of tests with windows of time that are counted apart.
+
+    Attributes:
+        until: Ends of the windows, rising [s], (W,); the first begins at 0, each other one where the last ended.
+        counts: Counts with a leading axis of W.
+        states: The first tests after 0, 1, ... whole seconds, (tests, seconds, N) of `fields.FRAME_FIELDS`, all absent
+            before; with 0 tests nothing is noted.
+        lengths: Lengths of the vehicles of the same tests [m], (tests, N).
+    """
+
+    until: NDArray[np.int64]
+    counts: Counts
+    states: NDArray[np.void]
+    lengths: NDArray[np.float64]
+
+
+def allocate_windows(until: NDArray[np.int64], noted: int, slots: int) -> Windows:
+    """Allocate windows with these ends, and the states of `noted` tests of `slots` vehicles."""
+    states = np.zeros((noted, int(until[-1]), slots), dtype=FRAME_FIELDS)
+    return Windows(until, allocate_counts(until.size), states, np.zeros((noted, slots)))
 
 
 def drive_chunk(

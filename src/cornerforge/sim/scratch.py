@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.drivers.policy import PolicyNumbers
+from cornerforge.drivers.policy import LEARNED_WIDTH, PolicyNumbers
 from cornerforge.sim.av_features import N_AV_FEATURES
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS
 from cornerforge.sim.chances import MAX_SETS, MAX_STARTERS, StarterScratch, allocate_starter_scratch
@@ -16,10 +16,8 @@ from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.steering import Steering, allocate_steering
 from cornerforge.types import MAX_LANES, N_ACTIONS
 
-__all__ = ["LEARNED_WIDTH", "AvScratch", "ChoiceScratch", "Scratch", "allocate_scratch", "warn_of_left_out"]
+__all__ = ["AvScratch", "ChoiceScratch", "Scratch", "allocate_scratch", "warn_of_left_out"]
 
-LEARNED_WIDTH = 128
-"""No layer of a learned AV's network is wider."""
 _N_NEAREST = 4
 _LAYER_ROWS = 4
 

@@ -18,16 +18,17 @@ from cornerforge._jit import kernel
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.fields import POSE
 from cornerforge.sim import lockstep
+from cornerforge.sim.controllers import LIKELIEST, NOBODY, RAILS, RECORDED, SCRIPTED, STEERED
 from cornerforge.sim.keep import Keep, keep_nothing
 from cornerforge.sim.loop import AV_MUST_ANSWER, MILESTONE, advance
+from cornerforge.sim.outcome import AV_CRASH, RUNNING
 from cornerforge.sim.rails import NO_RAILS, Rails, put_on_rails, rails_of, set_speed_of
 from cornerforge.sim.recorder import Recording
 from cornerforge.sim.scratch import warn_of_left_out
-from cornerforge.sim.setting import LIKELIEST, NOBODY, RAILS, RECORDED, SCRIPTED, STEERED
-from cornerforge.sim.step import SUBSTEPS, record_frame
+from cornerforge.sim.step import record_frame
 from cornerforge.sim.traffic import clear_world, reset_world
-from cornerforge.sim.world import AV_CRASH, NO_ACTION, RUNNING, VEHICLE, all_current
-from cornerforge.types import N_ACTIONS, Odd, Scenario
+from cornerforge.sim.world import NO_ACTION, VEHICLE, all_current
+from cornerforge.types import N_ACTIONS, SUBSTEPS, Odd, Scenario
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -61,7 +62,7 @@ TRAITS = ("quantile", "habit", "desired_speed", "change_time", "signals", "away"
 _MOST_FAULTS = 20
 _LEAST_SIZE, _MOST_SIZE = (0.5, 0.3), (30.0, 4.0)
 """Length and width [m] that a vehicle on rails may have."""
-_FOLLOWING = ("x_held", "speed_held", "present", "action", "commanded", "acceleration_held", "noticed")
+_FOLLOWING = ("x_held", "speed_held", "present", "action", "commanded", "acceleration_held")
 START_FIELDS = tuple(name for name in VEHICLE.names or () if name not in _FOLLOWING)
 """Fields of `world.VEHICLE` that make a start, as files hold them: a new one goes to the end. The others follow: a
 vehicle that starts is present, has decided nothing yet, and decides at that moment."""

@@ -2,123 +2,17 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from cornerforge._jit import inlined_kernel, kernel
-from cornerforge._philox import PURPOSE_CAST, block, uniform
-from cornerforge.drivers.policy import NO_POLICY, PolicyNumbers
-from cornerforge.sim.rails import NO_RAILS, Rails
+from cornerforge.sim.controllers import STEERED
 
 if TYPE_CHECKING:
+    from cornerforge.drivers.avs import AvNumbers
     from cornerforge.drivers.naturalistic import NddTables
     from cornerforge.road.straight import RoadNumbers
-    from cornerforge.sim.world import AvNumbers
+    from cornerforge.sim.controllers import Controllers
 
-__all__ = [
-    "ADVERSARIES",
-    "AS_LEARNED",
-    "BUILT_IN",
-    "IDM_BVS",
-    "LIKELIEST",
-    "NATURALISTIC",
-    "NO_CAST",
-    "NO_SCRIPT",
-    "OUTSIDE",
-    "RAILS",
-    "RECORDED",
-    "SCRIPTED",
-    "STEERED",
-    "Cast",
-    "Controllers",
-    "Setting",
-    "answer_width",
-    "cast_index",
-    "cast_of",
-    "critical_of",
-    "is_outside",
-]
-
-BUILT_IN, OUTSIDE, LIKELIEST, STEERED, RECORDED = range(5)
-"""Controllers of the AV. BUILT_IN: its own law. OUTSIDE: a program outside the kernels that orders accelerations and
-lane changes. LIKELIEST: the likeliest action of the naturalistic model. STEERED: a program outside that accelerates and
-steers. RECORDED: no driver; the AV is on rails where others are (`RAILS`)."""
-NOBODY, POLICY, UNIFORM, LANE_CHANGER, SWERVE, TOLD = range(6)
-ADVERSARIES = {"nobody": NOBODY, "policy": POLICY, "uniform": UNIFORM, "lane-changer": LANE_CHANGER, "swerve": SWERVE}
-"""Controllers of the critical BV, by name. nobody: the controller of the other BVs. policy: a learned network. uniform:
-any allowed action. lane-changer: changes lanes two times in three. swerve: comes level with the AV in the next lane,
-then changes into its lane. TOLD, which has no name here: somebody outside the kernels."""
-NATURALISTIC, IDM_BVS, SCRIPTED, RAILS = range(4)
-"""Controllers of the other BVs: the naturalistic model, the IDM without lane changes, a script of actions for every BV,
-or rails that say where every BV is (`sim.rails`)."""
-
-AS_LEARNED = -1.0
-"""Temperature of a policy that acts as its head says (`drivers.policy.HEADS`)."""
-
-MEMBER = np.dtype(
-    [
-        ("begin", "i8"),
-        ("end", "i8"),
-        ("n_inputs", "i8"),
-        ("n_shared", "i8"),
-        ("n_stream", "i8"),
-        ("width", "i8"),
-        ("head", "i8"),
-        ("bounded", "i8"),
-        ("budget", "i8"),
-    ]
-)
-"""A policy of a mixture: where its weights begin and end, its network's shape and its head, its mask and its likelihood
-budget (`observe.budget_units`)."""
-
-
-class Cast(NamedTuple):
-    """Policies of a mixture, one of which drives each test.
-
-    Attributes:
-        weights: Weights of all networks, one after the other, float32.
-        members: One row per policy, (K,) of MEMBER. K = 0: no mixture.
-    """
-
-    weights: NDArray[np.float32]
-    members: NDArray[np.void]
-
-
-NO_CAST = Cast(np.zeros(1, dtype=np.float32), np.zeros(0, dtype=MEMBER))
-NO_SCRIPT = np.zeros((0, 0), dtype=np.int8)
-
-
-class Controllers(NamedTuple):
-    """The controllers of the AV, of the critical BV (the BV nearest to the AV) and of the other BVs.
-
-    Attributes:
-        av: BUILT_IN, OUTSIDE, LIKELIEST, STEERED or RECORDED.
-        critical: Code of ADVERSARIES, or TOLD.
-        others: NATURALISTIC, IDM_BVS, SCRIPTED or RAILS.
-        bounded: 1 for the NDD-bounded mask.
-        policy: The adversary's network; of a mixture the widest one, which decides the size of scratch.
-        budget: Likelihood budget of a test (`observe.budget_units`); 0: no limit. Needs `bounded`.
-        temperature: Temperature at which a policy draws its actions; 0: it takes the best one; AS_LEARNED: as its
-            head says.
-        cast: The mixture of policies, each with its own mask and budget; empty for none.
-        script: Action of each vehicle at each decision, int8 (K, N), for SCRIPTED; the test is cut off after K.
-        rails: Starts and rails of the tests, for RAILS; then no BV is critical.
-    """
-
-    av: int = BUILT_IN
-    critical: int = NOBODY
-    others: int = NATURALISTIC
-    bounded: int = 0
-    policy: PolicyNumbers = NO_POLICY
-    budget: int = 0
-    temperature: float = 0.0
-    cast: Cast = NO_CAST
-    script: NDArray[np.int8] = NO_SCRIPT
-    rails: Rails = NO_RAILS
+__all__ = ["Setting"]
 
 
 class Setting(NamedTuple):
@@ -144,54 +38,11 @@ class Setting(NamedTuple):
         """Copy the setting with an AV that drives at another speed where nothing is in its way [m/s]."""
         return self._replace(av=self.av._replace(idm=self.av.idm._replace(desired_speed=speed)))
 
+    @property
+    def answer_width(self) -> int:
+        """Count of the numbers in an answer of an AV outside the kernels; for Python, not for kernels.
 
-def answer_width(setting: Setting) -> int:
-    """Count the numbers of an answer of an AV outside the kernels.
-
-    Two, an acceleration [m/s2] and a lane order. From an AV that steers (STEERED) two for each tenth of a second until
-    it answers again, an acceleration [m/s2] and a curvature [1/m].
-    """
-    return 2 * int(setting.road.av_substeps) if setting.who.av == STEERED else 2
-
-
-def cast_of(policies: Sequence[PolicyNumbers], bounded: Sequence[bool], budgets: Sequence[int]) -> Cast:
-    """Make a mixture of policies.
-
-    Args:
-        policies: At least one.
-        bounded: Whether each policy's mask is the NDD-bounded one.
-        budgets: Each policy's budget (`observe.budget_units`); 0: no limit. Ignored where it is not bounded.
-    """
-    members = np.zeros(len(policies), dtype=MEMBER)
-    begin = 0
-    for k, (policy, is_bounded, budget) in enumerate(zip(policies, bounded, budgets, strict=True)):
-        end = begin + policy.weights.size
-        members[k] = (begin, end, *policy[1:], is_bounded, budget if is_bounded else 0)
-        begin = end
-    return Cast(np.concatenate([policy.weights for policy in policies]), members)
-
-
-@inlined_kernel
-def is_outside(who: Controllers) -> bool:
-    """Does a program outside the kernels answer for the AV?"""
-    outside: bool = who.av == OUTSIDE or who.av == STEERED
-    return outside
-
-
-@kernel
-def cast_index(seed: int, test: int, n: int) -> int:
-    """Draw which of n policies drives a test, each with chance 1 / n; 0 for a single one."""
-    draw = uniform(block(seed, test, 0, 0, PURPOSE_CAST)[0])
-    return min(n - 1, math.floor(draw * n))
-
-
-@inlined_kernel
-def critical_of(seed: int, test: int, who: Controllers) -> tuple[PolicyNumbers, int, int]:
-    """Look up network, mask (1: bounded) and budget of the adversary of one test."""
-    members = who.cast.members
-    if members.size == 0:
-        return who.policy, who.bounded, who.budget
-    row = members[cast_index(seed, test, members.size)]
-    weights = who.cast.weights[row.begin : row.end]
-    network = PolicyNumbers(weights, row.n_inputs, row.n_shared, row.n_stream, row.width, row.head)
-    return network, row.bounded, row.budget
+        Two, an acceleration [m/s2] and a lane order. From an AV that steers (STEERED) two for each tenth of a second
+        until it answers again, an acceleration [m/s2] and a curvature [1/m].
+        """
+        return 2 * int(self.road.av_substeps) if self.who.av == STEERED else 2

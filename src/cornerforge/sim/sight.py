@@ -5,23 +5,19 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cornerforge._jit import inlined_kernel
-from cornerforge.drivers.sight import BY_CENTRE, BY_DECISION, BY_MOTION, Sight, SightNumbers, numbers_of_sight
+from cornerforge.drivers.sight import BY_CENTRE, BY_DECISION, BY_MOTION
 from cornerforge.geometry import path_at
 from cornerforge.road.straight import lane_bits, lane_centre, lane_of
-from cornerforge.sim.world import path_of
+from cornerforge.sim.motion import path_of
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["DECIDED", "HUMAN", "VISIBLE", "is_seen_changing", "lane_entered", "lanes_seen"]
+    from cornerforge.drivers.sight import SightNumbers
 
-DECIDED = SightNumbers(BY_DECISION, 0.0, 0.0, False)
-"""How vehicles are counted."""
-HUMAN = numbers_of_sight(Sight(indicators=True))
-"""How BVs see each other and the AV."""
-VISIBLE = numbers_of_sight(Sight())
-"""Sight that an AV from outside has."""
+__all__ = ["is_seen_changing", "lane_entered", "lanes_seen"]
+
 _BY_CENTRE, _BY_DECISION, _BY_MOTION = BY_CENTRE, BY_DECISION, BY_MOTION
 
 

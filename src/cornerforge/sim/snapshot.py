@@ -21,7 +21,7 @@ from cornerforge.sim.world_values import world_fault
 
 __all__ = ["branch_of", "copy_of", "packed", "unpacked"]
 
-SNAPSHOT_SCHEMA = 2
+SNAPSHOT_SCHEMA = 3
 _MAGIC = b"cornerforge world\n"
 _DIGEST_BYTES = 32
 

@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.drivers.sight import DECIDED
 from cornerforge.ndd.grids import GAP_GRID
 from cornerforge.road.straight import ahead_by, gap, half_lengths
 from cornerforge.sim.crossings import crossing_of, has_crossed, rear_at, state_at
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
-from cornerforge.sim.sight import DECIDED
-from cornerforge.sim.step import SUBSTEPS
-from cornerforge.sim.world import RUNNING
-from cornerforge.types import ACCELERATIONS, FIRST_ACCELERATION
+from cornerforge.sim.outcome import RUNNING
+from cornerforge.types import ACCELERATIONS, FIRST_ACCELERATION, SUBSTEPS
 
 if TYPE_CHECKING:
     from cornerforge.road.straight import RoadNumbers

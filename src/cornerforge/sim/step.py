@@ -12,21 +12,13 @@ from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.road.straight import distance_left
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
 from cornerforge.sim.bicycle import steer_on
+from cornerforge.sim.controllers import BUILT_IN, RAILS, RECORDED
 from cornerforge.sim.motion import move_vehicle
+from cornerforge.sim.outcome import AV_CRASH, BV_CRASH, COMPLETED, RUNNING, TIME_UP
 from cornerforge.sim.rails import ride
 from cornerforge.sim.reach import bound_motion, choose_current, find_pairs, pairs_of_av
-from cornerforge.sim.setting import BUILT_IN, RAILS, RECORDED
-from cornerforge.sim.world import (
-    AV_CRASH,
-    BV_CRASH,
-    COMPLETED,
-    RUNNING,
-    TIME_UP,
-    all_current,
-    forget_av_neighbours,
-    list_all,
-)
-from cornerforge.types import ACCELERATIONS, FRAME_S
+from cornerforge.sim.world import all_current, forget_av_neighbours, list_all
+from cornerforge.types import ACCELERATIONS, FRAME_S, SUBSTEPS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,7 +29,6 @@ if TYPE_CHECKING:
     from cornerforge.sim.world import World
 
 __all__ = [
-    "SUBSTEPS",
     "allocate_recording",
     "av_acts",
     "begin_to_act",
@@ -47,7 +38,6 @@ __all__ = [
     "record_frame",
 ]
 
-SUBSTEPS = 10
 _DT = FRAME_S
 _ACCELERATIONS = ACCELERATIONS
 _HARDEST_BRAKING, _STRONGEST_ACCELERATION = 12.0, 10.0
@@ -154,7 +144,7 @@ def av_acts(w: World, command: float, lane: int, road: RoadNumbers) -> None:
     An AV that steers does what its answer says step by step (`bicycle.steer_on`).
     """
     v = w.vehicles
-    if w.state[0].av_steers:
+    if w.av[0].steers:
         v[0].commanded = command
         return
     hold(v, 0, command, road)
@@ -176,8 +166,8 @@ def _move(w: World, substep: int, setting: Setting) -> None:
     since = substep % road.av_substeps
     if setting.who.av == RECORDED:
         pass
-    elif state.av_steers:
-        steer_on(w, state.av_controls[2 * since], state.av_controls[2 * since + 1], road)
+    elif w.av[0].steers:
+        steer_on(w, w.av[0].controls[2 * since], w.av[0].controls[2 * since + 1], road)
     else:
         move_vehicle(v, 0, (since + 1) * _DT, road)
     if setting.who.others == RAILS:

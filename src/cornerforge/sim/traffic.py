@@ -16,9 +16,10 @@ from cornerforge.drivers.idm import desired_gap
 from cornerforge.errors import UndrawableError
 from cornerforge.ndd.memory import reflected
 from cornerforge.road.straight import half_lengths, lane_centre, part_right, truck_share_in
+from cornerforge.sim.controllers import RAILS, critical_of
+from cornerforge.sim.outcome import RUNNING, UNDRAWN
 from cornerforge.sim.rails import put_on_rails
-from cornerforge.sim.setting import RAILS, critical_of
-from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, RUNNING, UNDRAWN, all_current
+from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, all_current
 from cornerforge.types import CAR, CLASSES, MOTORCYCLE, TRUCK
 
 if TYPE_CHECKING:
@@ -174,7 +175,6 @@ def _join(w: World, lane: int, setting: Setting) -> bool:
     v.signals = np.int64(words[0] & np.uint64(_LOW_BITS))
     v.noise = setting.tables.noise[np.int64(words[1] & np.uint64(_LOW_BITS))]
     v.inattention = setting.tables.inattention[np.int64((words[1] >> np.uint64(10)) & np.uint64(_LOW_BITS))]
-    v.noticed = 0
     return True
 
 
@@ -317,18 +317,20 @@ def clear_world(w: World, seed: int, test: int, branch: int) -> None:
     state.n_current = 0
     state.n_seen = 0
     state.n_pairs = 0
-    state.av_has_answered = 0
-    state.av_lane = 0
     state.bv_has_answered = 0
     state.bv_action = NO_ACTION
-    state.av_command = 0.0
     state.travel = 0.0
-    state.av_steers = 0
-    state.av_curvature = 0.0
-    state.av_controls[:] = 0.0
-    state.av_alarmed = 0
+    av = w.av[0]
+    av.has_answered = 0
+    av.lane = 0
+    av.command = 0.0
+    av.steers = 0
+    av.curvature = 0.0
+    av.controls[:] = 0.0
+    av.alarmed = 0
     for i in range(w.vehicles.size):
         w.vehicles[i].present = 0
+        w.noticed[i] = 0
 
 
 @inlined_kernel

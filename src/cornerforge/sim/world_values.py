@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cornerforge.fields import SIZES
-from cornerforge.sim.world import AV_FAULT, IDLE, MAX_BRANCH, NO_ACTION, NO_VEHICLE, UNDRAWN, UNKNOWN, World
+from cornerforge.sim.outcome import AV_FAULT, IDLE, UNDRAWN
+from cornerforge.sim.world import MAX_BRANCH, NO_ACTION, NO_VEHICLE, UNKNOWN, World
 from cornerforge.types import CLASSES, MAX_LANES, N_ACTIONS
 
 __all__ = ["world_fault"]
@@ -26,18 +27,18 @@ _WITHIN: dict[str, tuple[float, float]] = {
     "vehicles.signals": _YES_OR_NO,
     "vehicles.away": _YES_OR_NO,
     "vehicles.noise": (-1, 1),
-    "vehicles.noticed": _TENTHS,
+    "noticed": _TENTHS,
     "state.branch": (0, MAX_BRANCH),
     "state.substep": (0, 9),
     "state.outcome": (IDLE, max(AV_FAULT, UNDRAWN)),
     "state.frame": (-1, 10**6),
     "state.decisions": (0, 10**5),
-    "state.av_has_answered": _YES_OR_NO,
     "state.bv_has_answered": _YES_OR_NO,
-    "state.av_steers": _YES_OR_NO,
     "state.bv_action": _ACTION,
     "state.travel": (0, 1e9),
-    "state.av_alarmed": _TENTHS,
+    "av.has_answered": _YES_OR_NO,
+    "av.steers": _YES_OR_NO,
+    "av.alarmed": _TENTHS,
     "seen.as_what": (0, 2),
 }
 """Ranges by array and field; others are real numbers within a thousand kilometres, or numbers of things."""
@@ -53,7 +54,7 @@ def world_fault(world: World, n_lanes: int = MAX_LANES) -> str | None:
     slots, pairs = world.vehicles.size, world.pair_a.size
     slot, no_slot = (0, slots - 1), (NO_VEHICLE, slots - 1)
     within = _WITHIN | {
-        **dict.fromkeys(("vehicles.target_lane", "state.av_lane"), (0, n_lanes - 1)),
+        **dict.fromkeys(("vehicles.target_lane", "av.lane"), (0, n_lanes - 1)),
         **dict.fromkeys(("vehicles.lanes", "seen.lanes"), (0, 2**n_lanes - 1)),
         **{f"state.{name}": (0, slots) for name in ("n_vehicles", "n_current", "n_seen")},
         **{f"state.{name}": no_slot for name in ("controlled", "slot_a", "slot_b")},
@@ -62,14 +63,11 @@ def world_fault(world: World, n_lanes: int = MAX_LANES) -> str | None:
         "current": slot,
         "pair_a": slot,
         "pair_b": slot,
-        "av_lead": (UNKNOWN, slots - 1),
-        "av_rear": (UNKNOWN, slots - 1),
+        **dict.fromkeys(("av.lead", "av.rear"), (UNKNOWN, slots - 1)),
     }
     state = world.state[0]
     in_use = {
-        "vehicles": state["n_vehicles"],
-        "seen": state["n_vehicles"],
-        "order": state["n_vehicles"],
+        **dict.fromkeys(("vehicles", "noticed", "seen", "order"), state["n_vehicles"]),
         "current": state["n_current"],
         "pair_a": state["n_pairs"],
         "pair_b": state["n_pairs"],

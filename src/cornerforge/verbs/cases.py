@@ -28,7 +28,7 @@ from cornerforge.library.manifest import MANIFEST
 from cornerforge.library.query import run_sql
 from cornerforge.library.schema import RunIdentity
 from cornerforge.results import Queried, Replayed
-from cornerforge.sim import scenario_digest
+from cornerforge.sim import recorder
 from cornerforge.types import Scenario
 from cornerforge.verbs.options.cases import Query, Replay
 from cornerforge.world_options import AvProcessOptions, WorldOptions
@@ -113,7 +113,7 @@ def _check_told(cases: CaseLibrary, names: Sequence[str]) -> None:
 
 def is_same(driven: Scenario, stored: StoredCase) -> bool:
     """Compare a driven test with the stored case: by digest (all numbers, full precision) and by the stored values."""
-    if scenario_digest(driven) != stored.scalars["trajectory_digest"]:
+    if recorder.scenario_digest(driven) != stored.scalars["trajectory_digest"]:
         return False
     columns = np.searchsorted(driven.slot, stored.scenario.slot)
     return all(
@@ -128,12 +128,12 @@ def is_same(driven: Scenario, stored: StoredCase) -> bool:
 
 def driver_of_cases(run: Experiment) -> Callable[[StoredCase], Scenario]:
     """Return a function that drives a stored case again, from its seed or by its script; it serves one thread."""
-    recorder = run.recorder()
+    by_seed = run.recorder()
     scripts = run.script_driver()
 
     def again(stored: StoredCase) -> Scenario:
         if stored.script is None:
-            return recorder.record(stored.scenario.seed, stored.scenario.test)
+            return by_seed.record(stored.scenario.seed, stored.scenario.test)
         return scripts.record(stored.script)[0]
 
     return again

@@ -26,7 +26,7 @@ from cornerforge.foreign.session import AvSession
 from cornerforge.foreign.spec import spec_of
 from cornerforge.results import AvChecked
 from cornerforge.results.avs import AvCheck, AvDoes, AvSpeed
-from cornerforge.sim import STEERED
+from cornerforge.sim import controllers
 from cornerforge.types import Odd
 from cornerforge.verbs.options.driving import CheckAv
 from cornerforge.work.progress import Progress
@@ -225,7 +225,7 @@ def _try_edge_case(bench: _Bench, name: str, odd: Odd) -> None:
     view = np.broadcast_to(edge_case(name, odd), (1, bench.few, 13, 8)).astype(np.float32)
     with bench.trying(name):
         answer = bench.answers(view)[0, 0]
-        steers = controller_of(bench.about["form"]) == STEERED
+        steers = controller_of(bench.about["form"]) == controllers.STEERED
         order = 0.0 if steers else float(answer[1])
         text = f"{answer[0]:.2f} m/s2, " + (f"curvature {answer[1]:+.4f} /m" if steers else f"lane order {order:+.0f}")
         doubt = EDGE_CASES[name].doubt(float(answer[0]), order)

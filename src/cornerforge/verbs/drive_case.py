@@ -29,8 +29,8 @@ from cornerforge.library.case_file import CaseFile, Happened, read_case_file
 from cornerforge.library.filling import MODEL_FILE
 from cornerforge.library.out_case import plain_text, straight_on
 from cornerforge.ndd.model import default_model_path, load_model, model_hash
-from cornerforge.sim import SUBSTEPS, Ending, Script, ScriptDriver
-from cornerforge.types import CLASSES, FRAME_S, Scenario
+from cornerforge.sim import Script, ScriptDriver, scripted
+from cornerforge.types import CLASSES, FRAME_S, SUBSTEPS, Scenario
 from cornerforge.world_options import AvAloneOptions, WorldOptions
 
 __all__ = [
@@ -145,7 +145,7 @@ class CaseDriver:
             f"({_shipped()}); put that model beside the case file as {MODEL_FILE}."
         )
 
-    def drive(self, case: CaseFile) -> Ending:
+    def drive(self, case: CaseFile) -> scripted.Ending:
         """Drive a case, and say how it ends.
 
         Raises:
@@ -157,7 +157,7 @@ class CaseDriver:
                 return driver.drive(case.script)
             script, frames = _as_recorded(case.script)
             ending = driver.drive(script)
-        return ending if ending.frame < frames else Ending(None, -1, 0, ending.bv_crashes)
+        return ending if ending.frame < frames else scripted.Ending(None, -1, 0, ending.bv_crashes)
 
     def record(self, case: CaseFile) -> Scenario:
         """Drive a case, and keep all of the motion.

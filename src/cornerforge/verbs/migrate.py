@@ -34,7 +34,7 @@ from cornerforge.library.shards import ShardReader, encode_tables
 from cornerforge.ndd.memory import Memory
 from cornerforge.ndd.model import OLD_SCHEMA, SCHEMA_VERSION, load_model
 from cornerforge.results.whole import Migrated
-from cornerforge.sim import START_FIELDS, TRAITS, average_traits
+from cornerforge.sim import scripted
 from cornerforge.types import CAR, Odd
 from cornerforge.verbs.options.cases import Migrate
 from cornerforge.work.progress import Progress
@@ -198,9 +198,9 @@ def _with_starts(tracks: pa.Table, odd: Odd) -> pa.Table:
     for row in range(tracks.num_rows):
         bodies = {one.name: np.array(tracks.column(one.column.name)[row].as_py(), np.float64) for one in BODY}
         fields = np.array(tracks.column("start")[row].as_py(), np.float64).reshape(len(bodies["kind"]), -1)
-        traits = average_traits(fields[:, START_FIELDS.index("speed")], odd.lane_change_duration)
-        later = dict(zip(TRAITS, traits.T, strict=True)) | bodies
-        missing = [later[name] for name in START_FIELDS[fields.shape[1] :]]
+        traits = scripted.average_traits(fields[:, scripted.START_FIELDS.index("speed")], odd.lane_change_duration)
+        later = dict(zip(scripted.TRAITS, traits.T, strict=True)) | bodies
+        missing = [later[name] for name in scripted.START_FIELDS[fields.shape[1] :]]
         starts.append(np.column_stack([fields, *missing]).ravel())
     place = tracks.column_names.index("start")
     return tracks.set_column(place, "start", pa.array(starts, pa.list_(pa.float64())))

@@ -25,13 +25,7 @@ from cornerforge.library.case_file import CaseFile
 from cornerforge.rates.paired import difference_interval, sequential_verdict
 from cornerforge.report.comparison import Pair, check_page, write_comparison
 from cornerforge.results.retest import Compared, Difference, Retested, RetestedCase
-from cornerforge.sim import (
-    AV_CRASH,
-    AV_FAULT,
-    NATURALISTIC,
-    NOBODY,
-    simulate_chunks,
-)
+from cornerforge.sim import controllers, outcome, runner
 from cornerforge.verbs.cases import SEVERAL
 from cornerforge.verbs.drive_case import CaseDriver, driven_with, strikes
 from cornerforge.verbs.options.cases import Retest
@@ -412,7 +406,7 @@ def _natural(new: Experiment, old: Experiment, seed: int, most: int, threads: in
 
 def _naturally(run: Experiment) -> Experiment:
     """The same AV and road, with natural drivers only."""
-    setting = run.setting.with_drivers(critical=NOBODY, others=NATURALISTIC, bounded=0)
+    setting = run.setting.with_drivers(critical=controllers.NOBODY, others=controllers.NATURALISTIC, bounded=0)
     return replace(run, bv="nde", policies=(), bounded=False, budget=None, acting="greedy", setting=setting)
 
 
@@ -421,14 +415,14 @@ def _crashes(
 ) -> NDArray[np.int64]:
     """Drive tests, and say in which the AV crashed, (tests,)."""
     crashed = np.full(tests, _NO)
-    chunks = simulate_chunks(
+    chunks = runner.simulate_chunks(
         run.setting, run.slots, seed=seed, first=first, tests=tests, threads=run.processes(threads),
         chunk=run.range_size(512, tests, threads), drive=run.drive,
     )  # fmt: skip
     done = 0
     for start, out, _ in chunks:
         part = crashed[start - first : start - first + out.code.size]
-        part[out.code == AV_CRASH], part[out.code == AV_FAULT] = _YES, _UNKNOWN
+        part[out.code == outcome.AV_CRASH], part[out.code == outcome.AV_FAULT] = _YES, _UNKNOWN
         done += out.code.size
         progress(what, done, tests)
     return crashed

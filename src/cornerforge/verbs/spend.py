@@ -38,7 +38,7 @@ from cornerforge.rates.plain import PlainTests
 from cornerforge.results import NaturalRate, RunDone, Simulated
 from cornerforge.results.rates import Yield
 from cornerforge.results.whole import Spending, SpentOn
-from cornerforge.sim import Tally, crashed_tests, statistics
+from cornerforge.sim import Tally, runner, statistics
 from cornerforge.types import FRAME_S, METRES_PER_MILE
 from cornerforge.verbs.options.whole import Run
 from cornerforge.verbs.rate import PLAIN_TESTS
@@ -274,7 +274,7 @@ class _ByClock(Job):
         stage = f"natural tests ({first} before)"
         for start, out in drive_tests(run, tally, stage, first=first, tests=tests, counting=True, **self.how):
             frames += int(out.frame.sum(dtype=np.int64))
-            crashed += crashed_tests(start, out)
+            crashed += runner.crashed_tests(start, out)
         return _portion(first, begun, tally, crashed, frames, strikes=0, avoidable=0)
 
     def _traffic(self) -> Counted:

@@ -14,7 +14,8 @@ from cornerforge.experiment.experiments import Experiment
 from cornerforge.foreign.spec import with_av
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.road.straight import along
-from cornerforge.sim import NATURAL, SUBSTEPS, Ending, Script, ScriptDriver
+from cornerforge.sim import Script, ScriptDriver, scripted
+from cornerforge.types import SUBSTEPS
 from cornerforge.verbs.cases import experiment_with
 from cornerforge.work import Rooms, in_order
 from cornerforge.work.progress import Progress
@@ -59,12 +60,12 @@ class StoredScripts:
                 raise ReplayError(
                     f"Case {case.case_id} does not begin as stored; install the version that made the library."
                 )
-            action = np.full((len(case.action), start.size), NATURAL, dtype=np.int8)
+            action = np.full((len(case.action), start.size), scripted.NATURAL, dtype=np.int8)
             action[:, case.slot] = case.action
             script = Script(np.arange(start.size, dtype=np.int16), start, action, case.seed, case.test)
         decisions = len(script.action) + _AFTER_S if script.poses is None else (len(script.poses) - 1) // SUBSTEPS
         decisions = min(decisions, self._starts.max_decisions)
-        action = np.full((decisions, script.slot.size), NATURAL, dtype=np.int8)
+        action = np.full((decisions, script.slot.size), scripted.NATURAL, dtype=np.int8)
         action[: len(script.action)] = script.action[:decisions]
         return replace(script, action=action)
 
@@ -76,7 +77,7 @@ def run_with(cases: CaseLibrary, options: WorldOptions, av: str) -> Experiment:
 
 def drive_as_recorded(
     cases: CaseLibrary, ids: Sequence[str], runs: Sequence[Experiment], threads: int, progress: Progress, what: str
-) -> list[list[Ending]]:
+) -> list[list[scripted.Ending]]:
     """Drive cases with the AVs of some runs, and say how each ends.
 
     Args:
@@ -94,12 +95,12 @@ def drive_as_recorded(
     """
     rooms = Rooms(lambda: ([run.script_driver() for run in runs], StoredScripts(cases, runs[0])))
 
-    def drive(first: int, count: int) -> list[list[Ending]]:
+    def drive(first: int, count: int) -> list[list[scripted.Ending]]:
         with rooms.lend() as (drivers, scripts):
             made = (scripts.of(cases.scenario(case)) for case in ids[first : first + count])
             return [[driver.drive(script) for driver in drivers] for script in made]
 
-    ends: list[list[Ending]] = []
+    ends: list[list[scripted.Ending]] = []
     for part in in_order(drive, 0, len(ids), chunk=_CHUNK, threads=min(run.processes(threads) for run in runs)):
         ends += part
         progress(what, len(ends), len(ids))

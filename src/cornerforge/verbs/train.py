@@ -27,7 +27,7 @@ from cornerforge.ndd.model import model_hash
 from cornerforge.results import Trained
 from cornerforge.results.learning import Baseline
 from cornerforge.results.rates import Yield
-from cornerforge.sim import ADVERSARIES, NO_CAST, Tally, crashed_tests
+from cornerforge.sim import Tally, controllers, runner
 from cornerforge.verbs.options.learning import Train
 from cornerforge.work.progress import NO_PROGRESS, Progress, moving
 
@@ -220,7 +220,7 @@ def evaluate(
     for first, out in drive_tests(
         run, tally, "evaluate", seed=seed, first=EVALUATION_TESTS, tests=tests, threads=threads, progress=progress
     ):
-        crashed += crashed_tests(first, out)
+        crashed += runner.crashed_tests(first, out)
     strikes, avoidable = judge(run, seed, crashed, reward_numbers("avoidable", delay_s), check_threads(threads))
     counted = count_paid(run, seed, crashed, reward, check_threads(threads))
     run.rest()  # importing torch may keep frames, and what they hold, until memory is tidied
@@ -273,7 +273,11 @@ def measure_baselines(
         for bounded in (False,) if name == "nobody" else (False, True):
             budget = run.setting.who.budget if bounded else 0
             setting = run.setting.with_drivers(
-                critical=ADVERSARIES[name], bounded=int(bounded), budget=budget, temperature=0.0, cast=NO_CAST
+                critical=controllers.ADVERSARIES[name],
+                bounded=int(bounded),
+                budget=budget,
+                temperature=0.0,
+                cast=controllers.NO_CAST,
             )
             plain = replace(run, setting=setting, bv=name, bounded=bounded, policies=(), acting="greedy")
             rate = evaluate(

@@ -14,7 +14,7 @@ from cornerforge.experiment.experiments import check_threads
 from cornerforge.experiment.output import check_new_file
 from cornerforge.experiment.setting import experiment
 from cornerforge.results import TrainedAv
-from cornerforge.sim import AV_FEATURES_VERSION
+from cornerforge.sim import av_features
 from cornerforge.verbs.options.learning import TrainAv
 from cornerforge.verbs.train import EVALUATION_TESTS, about_training, checkpoint_beside, curve_report
 
@@ -53,7 +53,7 @@ def train_av(options: TrainAv) -> TrainedAv:
         run.setting, run.slots, config, seed=options.seed, threads=check_threads(options.threads),
         max_seconds=max_seconds, progress=curve_report(options.progress, config, max_seconds), checkpoint=checkpoint,
     )  # fmt: skip
-    network = AvNetwork(config.network, result.weights, AV_FEATURES_VERSION)
+    network = AvNetwork(config.network, result.weights, av_features.AV_FEATURES_VERSION)
     about = about_training(run, config, result, options.seed)
     save_av(network, {name: value for name, value in about.items() if name not in ("av", "av_hash")}, path)
     checkpoint.remove()

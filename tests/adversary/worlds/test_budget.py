@@ -11,10 +11,10 @@ from cornerforge.adversary.worlds.rewards import reward_numbers
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.chances import action_probabilities
+from cornerforge.sim.controllers import TOLD, UNIFORM
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.observe import N_OBSERVATION, UNITS_PER_NAT, budget_units
 from cornerforge.sim.scratch import allocate_scratch
-from cornerforge.sim.setting import TOLD, UNIFORM
 from cornerforge.sim.world import n_slots, world_of
 from cornerforge.types import Odd
 

@@ -14,9 +14,9 @@ from cornerforge.drivers.avs import AV_KINDS
 from cornerforge.drivers.policy import NO_POLICY, NetworkShape, PolicyNumbers, n_weights
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.av_features import N_AV_FEATURES
+from cornerforge.sim.controllers import ADVERSARIES
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.scratch import allocate_scratch
-from cornerforge.sim.setting import ADVERSARIES
 from cornerforge.sim.world import n_slots
 from cornerforge.types import Odd
 

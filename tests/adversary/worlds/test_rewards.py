@@ -26,13 +26,14 @@ from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.ndd.model import NddModel
 from cornerforge.road.straight import road_numbers
+from cornerforge.sim.controllers import ADVERSARIES, TOLD
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.sim.outcome import AV_CRASH, BV_CRASH
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import drive_chunk
 from cornerforge.sim.scratch import allocate_scratch
-from cornerforge.sim.setting import ADVERSARIES, TOLD
-from cornerforge.sim.world import AV_CRASH, BV_CRASH, VEHICLE, n_slots
+from cornerforge.sim.world import VEHICLE, n_slots
 from cornerforge.types import Odd
 
 ROAD = road_numbers(Odd())

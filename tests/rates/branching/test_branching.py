@@ -32,12 +32,13 @@ from cornerforge.road.straight import road_numbers
 from cornerforge.sim import Script, ScriptDriver, simulate
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.loop import advance
+from cornerforge.sim.outcome import RUNNING
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.snapshot import copy_of
 from cornerforge.sim.steering import LANE, hold_to, let_go
 from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import MAX_BRANCH, RUNNING, World, allocate_worlds, moment_of, n_slots, world_of
+from cornerforge.sim.world import MAX_BRANCH, World, allocate_worlds, moment_of, n_slots, world_of
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, Odd
 
 pytestmark = pytest.mark.full

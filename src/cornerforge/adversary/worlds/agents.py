@@ -14,20 +14,19 @@ from cornerforge._jit import kernel
 from cornerforge.adversary.worlds.drive_bv import MAX_TRIES, History, reward_of, start_with_bv
 from cornerforge.road.straight import driven
 from cornerforge.sim import (
-    N_OBSERVATION,
     NEVER,
-    RUNNING,
-    VIEW_COLUMNS,
-    VIEW_ROWS,
     World,
+    actions,
     advance,
     allocate_worlds,
     answer_as_av,
     answer_as_bv,
     av_scene,
+    av_view,
     bring_up_to_date,
     look_as_bv,
-    ordered_lane,
+    observe,
+    outcome,
     reset_world,
     world_row,
 )
@@ -56,7 +55,7 @@ __all__ = [
 ]
 
 NOBODY_LEFT = 6
-"""Outcome besides the codes of `world.py`, none of which is 6: no BV is left to control."""
+"""Outcome besides the codes of `sim.outcome`, none of which is 6: no BV is left to control."""
 
 
 @kernel
@@ -90,7 +89,7 @@ class BvAgents(NamedTuple):
         action: The agent's wish before a step, the action carried out after it, int64 (B,).
         observation: What the agent sees (`observe.observe`), float32 (B, N_OBSERVATION).
         allowed: Action mask, bool (B, 33).
-        outcome: Codes of `world.py`, or NOBODY_LEFT, int64 (B,).
+        outcome: Codes of `sim.outcome`, or NOBODY_LEFT, int64 (B,).
         reward: For the last step, float64 (B,).
     """
 
@@ -113,7 +112,7 @@ def allocate_bv_agents(n_worlds: int, slots: int) -> BvAgents:
         np.zeros(n_worlds, dtype=np.int64),
         np.zeros(n_worlds, dtype=np.int64),
         np.zeros(n_worlds, dtype=np.int64),
-        np.zeros((n_worlds, N_OBSERVATION), dtype=np.float32),
+        np.zeros((n_worlds, observe.N_OBSERVATION), dtype=np.float32),
         np.zeros((n_worlds, N_ACTIONS), dtype=np.bool_),
         np.zeros(n_worlds, dtype=np.int64),
         np.zeros(n_worlds),
@@ -160,9 +159,9 @@ def end_step_as_bv(
         w = world_row(agents.worlds, b)
         agents.reward[b] = reward_of(w, b, setting, reward, history, s)
         code = w.state[0].outcome
-        if code != RUNNING:
+        if code != outcome.RUNNING:
             bring_up_to_date(w, setting.road)
-        if look_as_bv(w, setting, s, agents.observation[b], agents.allowed[b]) < 0 and code == RUNNING:
+        if look_as_bv(w, setting, s, agents.observation[b], agents.allowed[b]) < 0 and code == outcome.RUNNING:
             code = NOBODY_LEFT
         agents.outcome[b] = code
 
@@ -222,7 +221,7 @@ def allocate_av_agents(n_worlds: int, slots: int) -> AvAgents:
         np.zeros(n_worlds, dtype=np.int64),
         np.zeros(n_worlds),
         np.zeros(n_worlds, dtype=np.int64),
-        np.zeros((n_worlds, VIEW_ROWS, VIEW_COLUMNS), dtype=np.float32),
+        np.zeros((n_worlds, av_view.VIEW_ROWS, av_view.VIEW_COLUMNS), dtype=np.float32),
         np.zeros(n_worlds, dtype=np.int64),
         np.zeros(n_worlds),
     )
@@ -254,7 +253,7 @@ def drive_on_as_av(begin: int, end: int, setting: Setting, agents: AvAgents, s: 
             continue
         w = world_row(agents.worlds, b)
         before = driven(w.vehicles, 0, setting.road)
-        answer_as_av(w, agents.command[b], ordered_lane(w, 0, agents.order[b], setting.road))
+        answer_as_av(w, agents.command[b], actions.ordered_lane(w, 0, agents.order[b], setting.road))
         advance(w, setting, s, keep, NEVER)
         agents.outcome[b] = w.state[0].outcome
         agents.metres[b] = driven(w.vehicles, 0, setting.road) - before

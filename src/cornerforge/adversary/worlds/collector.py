@@ -19,7 +19,7 @@ from cornerforge.errors import AvFaultError
 from cornerforge.foreign.driver import Fault, ForeignAv
 from cornerforge.foreign.process import AvFailureError
 from cornerforge.foreign.session import answers_per_second, seeds_of
-from cornerforge.sim import World, allocate_scratch, allocate_worlds, answer_width, keep_nothing, warn_of_left_out
+from cornerforge.sim import World, allocate_scratch, allocate_worlds, keep_nothing, warn_of_left_out
 
 if TYPE_CHECKING:
     from cornerforge.adversary.worlds.drive_bv import Actors, Exploring, Transitions
@@ -147,7 +147,7 @@ class Group:
         again = allocate_worlds(1, self._slots)
         outside.begin_seconds(none, exploring, actors, s, out)
         outside.look(none, none, actors.worlds, setting, s, self._views)
-        outside.go_on(none, none, np.zeros((0, answer_width(setting))), actors, setting, s, self._keep)
+        outside.go_on(none, none, np.zeros((0, setting.answer_width)), actors, setting, s, self._keep)
         outside.end_seconds(none, exploring, setting, reward, actors, s, out)
         outside.look_back(none, none, actors, setting, again)
         outside.go_on_again(none, none, none, actors, setting, s, self._keep, again)
@@ -208,7 +208,7 @@ class Group:
                     ) from failure
                 continue
             return self._give_up(seats, failed), answers
-        return seats, np.zeros((len(self._views), answer_width(self._setting)))
+        return seats, np.zeros((len(self._views), self._setting.answer_width))
 
     def _answers_for(self, seats: NDArray[np.int64]) -> Answers:
         """Ask the AV once; first show it what it should have seen, if it did not."""

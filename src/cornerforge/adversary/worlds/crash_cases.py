@@ -16,12 +16,10 @@ from cornerforge.adversary.worlds.drive_bv import History, drive_again
 from cornerforge.recordings import Recordings
 from cornerforge.sim import (
     World,
-    allocate_harvest,
     allocate_scratch,
     allocate_worlds,
     forget_frames,
-    is_full,
-    keep_driven,
+    harvest,
     keep_whole_test,
     warn_of_left_out,
     world_of,
@@ -31,7 +29,7 @@ from cornerforge.sim import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cornerforge.sim import Harvest, Keep, Scratch, Setting
+    from cornerforge.sim import Keep, Scratch, Setting, harvest
 
 __all__ = ["CrashCases", "Verdict"]
 
@@ -50,7 +48,7 @@ class _Room(NamedTuple):
 
 @kernel
 def _keep_crashes(
-    first: int, worlds: World, history: History, setting: Setting, room: _Room, keep: Keep, h: Harvest,
+    first: int, worlds: World, history: History, setting: Setting, room: _Room, keep: Keep, h: harvest.Harvest,
     kept: NDArray[np.int64],
 ) -> int:  # fmt: skip
     """Append the crashes of worlds first, first + 1, ... as cases until there is no more room.
@@ -73,12 +71,12 @@ def _keep_crashes(
     for b in range(first, history.crashed.size):
         if history.crashed[b] < 0:
             continue
-        if is_full(h, recording.shape[0], recording.shape[1]):
+        if harvest.is_full(h, recording.shape[0], recording.shape[1]):
             return b
         drive_again(history, b, world_row(worlds, b).state[0].seed, history.crashed[b], again, setting, s, keep)
         kept[n] = b
         n += 1
-        keep_driven(again, setting, keep, h)
+        harvest.keep_driven(again, setting, keep, h)
         forget_frames(recording, again.state[0].frame + 1, again.vehicles.size)
     return history.crashed.size
 
@@ -96,7 +94,7 @@ class CrashCases:
         self._setting, self._verdict = setting, verdict
         self._room = _Room(world_of(allocate_worlds(1, slots)), allocate_scratch(slots, setting.who.policy))
         self._keep = keep_whole_test(setting, slots)
-        self._harvest = allocate_harvest(_ROOM, slots, setting.road.max_decisions)
+        self._harvest = harvest.allocate_harvest(_ROOM, slots, setting.road.max_decisions)
         self._kept = np.zeros(self._harvest.rows.size, dtype=np.int64)
 
     def judge(self, worlds: World, history: History) -> NDArray[np.int64]:

@@ -10,31 +10,26 @@ import numpy as np
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import PURPOSE_EXPLORE, block, uniform
 from cornerforge.drivers.policy import best_action, q_values
+from cornerforge.drivers.sight import DECIDED
 from cornerforge.road.straight import gap
 from cornerforge.sim import (
-    AV_CRASH,
-    DECIDED,
-    DECIDES_EVERY,
     NEVER,
-    NOBODY,
-    OUTSIDE,
     OVER,
-    SUBSTEPS,
-    Controllers,
     Setting,
     World,
+    actions,
     advance,
     allocate_worlds,
     answer_as_av,
     av_decide,
-    av_order,
-    look_as_av,
-    nearest_action,
-    neighbours_in_lane,
+    av_features,
+    controllers,
+    neighbours,
+    outcome,
     reset_world,
     world_row,
 )
-from cornerforge.types import ACCELERATIONS, FIRST_ACCELERATION, N_ACTIONS
+from cornerforge.types import ACCELERATIONS, FIRST_ACCELERATION, N_ACTIONS, SUBSTEPS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -54,7 +49,7 @@ __all__ = [
     "start_av_worlds",
 ]
 
-AV_DECISIONS = SUBSTEPS // DECIDES_EVERY
+AV_DECISIONS = SUBSTEPS // av_features.DECIDES_EVERY
 """Decisions of the learned AV in a second."""
 HOSTILE = np.dtype([("critical", "i8"), ("bounded", "i8")])
 """One of the adversaries that take turns: code of ADVERSARIES (0: nobody), and 1 for the NDD-bounded mask."""
@@ -95,7 +90,7 @@ def _nearness(w: World, time_gap: float, road: RoadNumbers) -> float:
     worst = 0.0
     for lane in range(road.n_lanes):
         if v[0].lanes & (1 << lane):
-            lead, rear = neighbours_in_lane(w, 0, lane, road.lane_width, DECIDED)
+            lead, rear = neighbours.neighbours_in_lane(w, 0, lane, road.lane_width, DECIDED)
             if lead >= 0:
                 worst = max(worst, _lack(gap(v, 0, lead), v[0].speed, time_gap))
             if rear >= 0 and v[0].duration > 0.0 and lane == v[0].target_lane:
@@ -106,7 +101,7 @@ def _nearness(w: World, time_gap: float, road: RoadNumbers) -> float:
 @kernel
 def _reward(w: World, action: int, p: AvReward, road: RoadNumbers) -> float:
     """Compute the AV's reward for the half second that ends now, which began with `action`."""
-    if w.state[0].outcome == AV_CRASH:
+    if w.state[0].outcome == outcome.AV_CRASH:
         return -1.0
     v = w.vehicles
     paid: float = p.progress * (v[0].speed - 20.0) / 15.0 - p.acceleration * abs(v[0].acceleration) / 4.0
@@ -148,7 +143,7 @@ def allocate_av_actors(n_worlds: int, slots: int, n_inputs: int, hostile: NDArra
 @kernel
 def _look(w: World, setting: Setting, s: Scratch, observation: NDArray[np.float32], allowed: NDArray[np.bool_]) -> None:
     """Fill the AV's observation and mask."""
-    look_as_av(w, setting.road, setting.av.sight, s.av, observation, allowed)
+    av_features.look_as_av(w, setting.road, setting.av.sight, s.av, observation, allowed)
 
 
 @inlined_kernel
@@ -156,8 +151,8 @@ def _setting_of_test(test: int, setting: Setting, hostile: NDArray[np.void]) -> 
     """Make the setting of one test: the adversary is the one whose turn it is, the AV answers from outside the loop."""
     row = hostile[test % hostile.size]
     old = setting.who
-    who = Controllers(
-        OUTSIDE,
+    who = controllers.Controllers(
+        controllers.OUTSIDE,
         row.critical,
         old.others,
         row.bounded,
@@ -189,7 +184,7 @@ def _as_idm_mobil(w: World, setting: Setting, allowed: NDArray[np.bool_]) -> int
         action = 0 if change < 0 else 1
         if allowed[action]:
             return action
-    nearest: int = nearest_action(command)
+    nearest: int = actions.nearest_action(command)
     return nearest
 
 
@@ -253,11 +248,11 @@ def collect_av(
                 out.observation[rows, k] = observation[k]
             for a in range(allowed.size):
                 out.allowed[rows, a] = allowed[a]
-            command, lane = av_order(w, action, _ACCELERATIONS)
+            command, lane = av_features.av_order(w, action, _ACCELERATIONS)
             answer_as_av(w, command, lane)
             over = advance(w, own, s, keep, NEVER) == OVER
             _look(w, setting, s, observation, allowed)
-            crashed = state.outcome == AV_CRASH
+            crashed = state.outcome == outcome.AV_CRASH
             out.action[rows] = action
             out.reward[rows] = _reward(w, action, reward, setting.road)
             out.end[rows] = crashed
@@ -269,7 +264,7 @@ def collect_av(
             if over:
                 finished.tests += 1
                 finished.av_crashes += crashed
-                finished.natural_av_crashes += crashed and own.who.critical == NOBODY
+                finished.natural_av_crashes += crashed and own.who.critical == controllers.NOBODY
                 test = state.test + actors.allowed.shape[0]
                 reset_world(w, state.seed, test, _setting_of_test(test, setting, actors.hostile))
                 _look(w, setting, s, observation, allowed)

@@ -18,35 +18,28 @@ from cornerforge.adversary.worlds.rewards import AVOIDABLE, av_strikes, is_paid
 from cornerforge.errors import InputError
 from cornerforge.road.straight import ahead_by
 from cornerforge.sim import (
-    ADVERSARIES,
-    AS_LEARNED,
-    AV_CRASH,
-    AV_FAULT,
     AV_MUST_ANSWER,
-    BV_CRASH,
     BV_MUST_ANSWER,
     NEVER,
-    RUNNING,
-    SUBSTEPS,
     Keep,
     World,
     advance,
     allocate_recording,
     allocate_worlds,
     answer_as_bv,
-    answer_width,
     choose_action,
+    controllers,
     forget_frames,
-    is_outside,
     keep_nothing,
     lockstep,
     look_as_bv,
     moment_of,
+    outcome,
     reset_world,
     world_of,
     world_row,
 )
-from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, N_ACTIONS
+from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, N_ACTIONS, SUBSTEPS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -75,7 +68,7 @@ __all__ = [
 ]
 
 
-_UNIFORM, _SWERVE = ADVERSARIES["uniform"], ADVERSARIES["swerve"]
+_UNIFORM, _SWERVE = controllers.ADVERSARIES["uniform"], controllers.ADVERSARIES["swerve"]
 MAX_TRIES = 1000
 """Tests in a row without any BV after which `start_with_bv` gives up."""
 _NOBODY = "There is no background vehicle to control in 1000 tests on end; use a model with more traffic."
@@ -127,10 +120,10 @@ class History(NamedTuple):
 def allocate_history(n_worlds: int, setting: Setting, slots: int) -> History:
     """Allocate the history of `n_worlds` worlds of `slots` vehicle slots."""
     decisions = int(setting.road.max_decisions)
-    answers = decisions * -(-SUBSTEPS // int(setting.road.av_substeps)) if is_outside(setting.who) else 0
+    answers = decisions * -(-SUBSTEPS // int(setting.road.av_substeps)) if controllers.is_outside(setting.who) else 0
     return History(
         np.zeros((n_worlds, decisions), dtype=np.int8),
-        np.zeros((n_worlds, answers, answer_width(setting))),
+        np.zeros((n_worlds, answers, setting.answer_width)),
         np.zeros(n_worlds, dtype=np.int64),
         np.full(n_worlds, -1, dtype=np.int64),
         world_of(allocate_worlds(1, slots)),
@@ -300,8 +293,8 @@ def reward_of(
         s: Scratch.
     """
     code = w.state[0].outcome
-    if code != AV_CRASH:
-        return -1.0 if code == BV_CRASH else 0.0
+    if code != outcome.AV_CRASH:
+        return -1.0 if code == outcome.BV_CRASH else 0.0
     if reward.by_case:
         history.crashed[b] = w.state[0].test
         return 0.0
@@ -363,7 +356,7 @@ def choose(b: int, exploring: Exploring, actors: Actors, s: Scratch, out: Transi
         kind, action = _guided(w, bv, exploring, s.choice.allowed)
         epsilon = 0.0
     if action < 0:
-        action, log_prob = choose_action(w, bv, kind, epsilon, AS_LEARNED, exploring.policy, s.choice)
+        action, log_prob = choose_action(w, bv, kind, epsilon, controllers.AS_LEARNED, exploring.policy, s.choice)
     out.action[b] = action
     out.log_prob[b] = log_prob
     actors.history.action[b, w.state[0].decisions] = action
@@ -384,15 +377,15 @@ def settle(
     paid = reward_of(w, b, setting, reward, actors.history, s)
     out.reward[b] = paid
     code = w.state[0].outcome
-    ended = code != RUNNING or look_as_bv(w, setting, s, observation, allowed) < 0
+    ended = code != outcome.RUNNING or look_as_bv(w, setting, s, observation, allowed) < 0
     out.end[b] = ended
     if ended:
-        if b >= exploring.guided and code != AV_FAULT:
+        if b >= exploring.guided and code != outcome.AV_FAULT:
             finished = actors.finished[0]
             finished.tests += 1
-            finished.av_crashes += code == AV_CRASH
-            finished.bv_crashes += code == BV_CRASH
-            finished.paid += code == AV_CRASH and paid > 0.0
+            finished.av_crashes += code == outcome.AV_CRASH
+            finished.bv_crashes += code == outcome.BV_CRASH
+            finished.paid += code == outcome.AV_CRASH and paid > 0.0
         _start_world(w.state[0].seed, w.state[0].test + actors.allowed.shape[0], b, setting, s, actors)
     _copy_view(observation, allowed, out.next_observation[b], out.next_allowed[b])
 

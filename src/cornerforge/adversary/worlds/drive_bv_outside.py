@@ -16,17 +16,7 @@ import numpy as np
 
 from cornerforge._jit import kernel
 from cornerforge.adversary.worlds.drive_bv import advance_again, choose, settle
-from cornerforge.sim import (
-    AV_FAULT,
-    RUNNING,
-    World,
-    advance,
-    answer_as_bv,
-    av_scene,
-    lockstep,
-    reset_world,
-    world_row,
-)
+from cornerforge.sim import World, advance, answer_as_bv, av_scene, lockstep, outcome, reset_world, world_row
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -40,12 +30,12 @@ __all__ = ["abandon", "begin_seconds", "end_seconds", "go_on", "go_on_again", "l
 
 def running(rows: NDArray[np.int64], actors: Actors) -> NDArray[np.int64]:
     """List the seats whose worlds drive a test, ascending; rows[seat] is the world's row."""
-    return np.flatnonzero(actors.worlds.state["outcome"][rows, 0] == RUNNING)
+    return np.flatnonzero(actors.worlds.state["outcome"][rows, 0] == outcome.RUNNING)
 
 
 def abandon(rows: NDArray[np.int64], actors: Actors) -> None:
     """Give up the tests of some worlds, because the AV failed in them."""
-    actors.worlds.state["outcome"][rows] = AV_FAULT
+    actors.worlds.state["outcome"][rows] = outcome.AV_FAULT
 
 
 @kernel

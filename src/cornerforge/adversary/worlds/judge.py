@@ -11,7 +11,7 @@ from cornerforge._jit import kernel
 from cornerforge.adversary.worlds.rewards import av_strikes
 from cornerforge.counterfactual import Braking, is_avoidable
 from cornerforge.recordings import Trajectories
-from cornerforge.sim import AV_CRASH, Recorder, Setting, World
+from cornerforge.sim import Recorder, Setting, World, outcome
 from cornerforge.work import Rooms, in_order
 
 __all__ = ["judge_crash", "judge_crashes"]
@@ -57,7 +57,7 @@ def judge_crashes(
         with rooms.lend() as one:
             for test in tests[first : first + count]:
                 world, keep = one.drive(seed, test)
-                has_crash = int(world.state["outcome"][0]) == AV_CRASH
+                has_crash = int(world.state["outcome"][0]) == outcome.AV_CRASH
                 judged.append(judge_crash(world, keep.recording, setting, braking) if has_crash else (False, False))
         return judged
 

@@ -21,7 +21,7 @@ from cornerforge._checks import check_integer, check_number
 from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.ext.calibrate.persistence import Pairs, pairs_of
 from cornerforge.road.straight import along, road_numbers
-from cornerforge.sim import Outcomes, allocate_windows, drive_chunk_by_window, n_slots, statistics, warm_up
+from cornerforge.sim import n_slots, outcome, runner, statistics
 from cornerforge.types import METRES_PER_MILE, Odd
 from cornerforge.work import in_order
 from cornerforge.work.progress import NO_PROGRESS, Progress
@@ -199,12 +199,12 @@ def simulate_free_running(
     ends = np.array(_ENDS[1:])
     blocks = [statistics.allocate_counts(len(_WINDOWS)) for _ in range(_BLOCKS)]
     pairs = []
-    warm_up(moved.setting, moved.slots)
+    runner.warm_up(moved.setting, moved.slots)
 
-    def work(first: int, count: int) -> tuple[Outcomes, statistics.Counts, Pairs | None]:
+    def work(first: int, count: int) -> tuple[outcome.Outcomes, statistics.Counts, Pairs | None]:
         noted = min(_NOTED, count) if first < _BLOCKS * _CHUNK else 0
-        windows = allocate_windows(ends, noted, moved.slots)
-        out = drive_chunk_by_window(moved.setting, moved.slots, seed, first, count, census, windows)
+        windows = runner.allocate_windows(ends, noted, moved.slots)
+        out = runner.drive_chunk_by_window(moved.setting, moved.slots, seed, first, count, census, windows)
         if not noted:
             return out, windows.counts, None
         counted = is_counted(windows.states["x"], np.arange(WHOLE.until)[:, None]) & (windows.states["present"] == 1)

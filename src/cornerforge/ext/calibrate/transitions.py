@@ -13,16 +13,7 @@ from cornerforge.ext.calibrate.readers import Reading
 from cornerforge.intervals import binomial_interval
 from cornerforge.results.validation import FactFound
 from cornerforge.road.straight import lane_centre
-from cornerforge.sim import (
-    RUNNING,
-    Setting,
-    World,
-    action_probabilities,
-    all_current,
-    allocate_starter_scratch,
-    allocate_worlds,
-    world_of,
-)
+from cornerforge.sim import Setting, World, all_current, allocate_worlds, chances, outcome, world_of
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, N_ACTIONS
 
 __all__ = ["chance_of", "compare_transitions"]
@@ -50,7 +41,7 @@ def _scene(transition: Transition, setting: Setting) -> World:
     v["action"] = -1
     world.order[:] = np.argsort(v["x"], kind="stable")
     world.state["n_vehicles"] = n
-    world.state["outcome"] = RUNNING
+    world.state["outcome"] = outcome.RUNNING
     all_current(world)
     return world
 
@@ -63,7 +54,9 @@ def chance_of(transition: Transition, setting: Setting) -> float:
     """
     world = _scene(transition, setting)
     p = np.zeros(N_ACTIONS)
-    action_probabilities(world, 1, True, _OWN_LANE, setting.road, setting.tables, allocate_starter_scratch(), p)
+    chances.action_probabilities(
+        world, 1, True, _OWN_LANE, setting.road, setting.tables, chances.allocate_starter_scratch(), p
+    )
     return float(p[ACTION_LEFT if transition.to_left else ACTION_RIGHT])
 
 
@@ -79,16 +72,16 @@ def compare_transitions(run: Experiment, names: Sequence[str], readings: Sequenc
     """
     rows = []
     for name, reading in zip(names, readings, strict=True):
-        chances = np.array([chance_of(one, run.setting) for one in transitions_of(reading) or ()])
-        if chances.size == 0:
+        found = np.array([chance_of(one, run.setting) for one in transitions_of(reading) or ()])
+        if found.size == 0:
             continue
-        impossible = int((chances == 0.0).sum())
+        impossible = int((found == 0.0).sum())
         rows.append(
             judged(
-                impossible / chances.size, (0.0, ALLOWED), theme="transitions", when=name, unit="", published=None,
+                impossible / found.size, (0.0, ALLOWED), theme="transitions", when=name, unit="", published=None,
                 fact=f"share of lane changes of probability 0, {START_BEFORE:g} s before the crossing",
-                source="recorded: all of them happened", n=chances.size,
-                interval95=binomial_interval(impossible, chances.size),
+                source="recorded: all of them happened", n=found.size,
+                interval95=binomial_interval(impossible, found.size),
             )
         )  # fmt: skip
     return rows

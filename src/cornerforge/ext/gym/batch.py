@@ -34,19 +34,13 @@ from cornerforge.experiment.setting import experiment
 from cornerforge.ext.gym.raster import top_view
 from cornerforge.ext.gym.spaces import ClosedError, ResetNeededError, av_commands
 from cornerforge.sim import (
-    AV_CRASH,
-    AV_FAULT,
-    BV_CRASH,
-    COMPLETED,
-    OUTSIDE,
-    RUNNING,
-    TIME_UP,
-    TOLD,
     Scratch,
     World,
     allocate_scratch,
+    controllers,
     keep_nothing,
     naming_tests,
+    outcome,
     warn_of_left_out,
 )
 from cornerforge.types import FRAME_S
@@ -69,12 +63,12 @@ FIRST_TEST = 1 << 40
 `simulate`, `generate` and evaluations, so that no agent is measured on tests that it learnt from."""
 MAX_TEST = 1 << 62
 OUTCOMES = {
-    COMPLETED: "completed",
-    AV_CRASH: "av-crash",
-    BV_CRASH: "bv-crash",
-    TIME_UP: "time-up",
+    outcome.COMPLETED: "completed",
+    outcome.AV_CRASH: "av-crash",
+    outcome.BV_CRASH: "bv-crash",
+    outcome.TIME_UP: "time-up",
     agents.NOBODY_LEFT: "nobody-left",
-    AV_FAULT: "av-fault",
+    outcome.AV_FAULT: "av-fault",
 }
 """How a test ends: the AV drove its length; the AV crashed; the controlled BV crashed with another BV; the time limit;
 no BV is left; an AV from outside raised, hung, or gave no usable answer, and the test does not count."""
@@ -255,7 +249,7 @@ class Batch(ABC):
         with self._alone(), naming_tests(self.worlds):
             self.is_over[chosen] = True
             self._start(chosen)
-        self.outcome[chosen] = RUNNING
+        self.outcome[chosen] = outcome.RUNNING
         self.is_over[chosen] = False
         self.reward[chosen] = 0.0
 
@@ -266,7 +260,7 @@ class Batch(ABC):
             self._note_ends(chosen)
 
     def _note_ends(self, chosen: NDArray[np.bool_]) -> None:
-        self.is_over[chosen] = self.outcome[chosen] != RUNNING
+        self.is_over[chosen] = self.outcome[chosen] != outcome.RUNNING
 
     def case(self, b: int) -> str:
         """Give the name of world b's test, `seed:test`."""
@@ -315,7 +309,7 @@ class BvBatch(Batch):
     ) -> None:  # fmt: skip
         self._agents = agents.allocate_bv_agents(n, run.slots)
         super().__init__(run, n, threads, cores, self._agents)
-        self._setting = run.opened_setting.with_drivers(critical=TOLD)
+        self._setting = run.opened_setting.with_drivers(critical=controllers.TOLD)
         self._pays = reward
         self._cases = None if verdict is None else CrashCases(self._setting, run.slots, verdict)
         done = allocate_history(n, run.setting, run.slots)
@@ -335,7 +329,7 @@ class BvBatch(Batch):
     @property
     def truncated(self) -> NDArray[np.bool_]:
         """Mark worlds that the time limit, or a fault of an AV from outside, cut off."""
-        return np.asarray((self.outcome == TIME_UP) | (self.outcome == AV_FAULT))
+        return np.asarray((self.outcome == outcome.TIME_UP) | (self.outcome == outcome.AV_FAULT))
 
     def extra(self) -> dict[str, NDArray[Any]]:
         """The action mask."""
@@ -395,7 +389,7 @@ class AvBatch(Batch):
     def __init__(self, run: Experiment, n: int, threads: int | None, cores: int, *, box: bool) -> None:
         self._agents = agents.allocate_av_agents(n, run.slots)
         super().__init__(run, n, threads, cores, self._agents)
-        self._setting = run.setting.with_drivers(av=OUTSIDE)
+        self._setting = run.setting.with_drivers(av=controllers.OUTSIDE)
         self._box = box
         self.observation = self._agents.seen
         self.reward = np.zeros(n)
@@ -403,7 +397,7 @@ class AvBatch(Batch):
     @property
     def truncated(self) -> NDArray[np.bool_]:
         """Mark worlds that the time limit or a crash between BVs cut off."""
-        return np.asarray((self.outcome == TIME_UP) | (self.outcome == BV_CRASH))
+        return np.asarray((self.outcome == outcome.TIME_UP) | (self.outcome == outcome.BV_CRASH))
 
     def extra(self) -> dict[str, NDArray[Any]]:
         """Nothing."""
@@ -439,7 +433,7 @@ class AvBatch(Batch):
             agents.drive_on_as_av(begin, end, self._setting, self._agents, s, self._keep)
 
         self._share(work)
-        self.reward[:] = self._agents.metres / self.run.setting.road.test_length - (self.outcome == AV_CRASH)
+        self.reward[:] = self._agents.metres / self.run.setting.road.test_length - (self.outcome == outcome.AV_CRASH)
 
 
 def adversary_batch(n: int, threads: int | None, world: WorldOptions, *, reward: str, delay: float = 1.0) -> BvBatch:

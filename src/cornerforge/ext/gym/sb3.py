@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cornerforge.drivers.policy import NetworkShape
 from cornerforge.errors import InputError
 from cornerforge.experiment.policy_file import Policy
-from cornerforge.sim import N_OBSERVATION
+from cornerforge.sim import observe
 from cornerforge.types import N_ACTIONS
 
 __all__ = ["policy_of_sb3"]
@@ -39,13 +39,13 @@ def policy_of_sb3(model: Any, *, bounded: bool = False) -> Policy:
     layers = _layers(model)
     shapes = [weight.shape for weight, _ in layers]
     width = shapes[0][0]
-    wanted = [(width, N_OBSERVATION), *[(width, width)] * (len(shapes) - 2), (N_ACTIONS, width)]
+    wanted = [(width, observe.N_OBSERVATION), *[(width, width)] * (len(shapes) - 2), (N_ACTIONS, width)]
     if len(shapes) < 2 or shapes != wanted:
         raise InputError(
-            f"The network's layers are {shapes} (outputs, inputs); allowed: from {N_OBSERVATION} observations through "
-            f"hidden layers of one width to {N_ACTIONS} actions."
+            f"The network's layers are {shapes} (outputs, inputs); allowed: from {observe.N_OBSERVATION} observations "
+            f"through hidden layers of one width to {N_ACTIONS} actions."
         )
-    shape = NetworkShape(N_OBSERVATION, len(layers) - 1, 0, width)
+    shape = NetworkShape(observe.N_OBSERVATION, len(layers) - 1, 0, width)
     weight, bias = layers[-1]
     layers[-1:] = [(weight.mean(axis=0, keepdims=True), bias.mean(keepdims=True)), (weight, bias)]
     flat = np.concatenate([part.ravel() for weight, bias in layers for part in (weight.T, bias)])

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from cornerforge._words import shown
 from cornerforge.errors import InputError
-from cornerforge.sim import HIGHEST_COMMAND, LOWEST_COMMAND, N_OBSERVATION, N_OWN, SIGHT, VIEW_COLUMNS, VIEW_ROWS
-from cornerforge.types import ACTION_ACCELERATIONS, ACTION_SIDES, N_ACTIONS, Odd
+from cornerforge.sim import av_view, neighbours, observe
+from cornerforge.types import ACTION_ACCELERATIONS, ACTION_SIDES, HIGHEST_COMMAND, LOWEST_COMMAND, N_ACTIONS, Odd
 
 __all__ = [
     "ClosedError",
@@ -48,10 +48,10 @@ _LANE_ORDER_FROM = 1.0 / 3.0
 def adversary_observations(odd: Odd) -> spaces.Box:
     """Give the space of `sim.observe.observe`: float32 (N_OBSERVATION,), bounds in its own scaled units."""
     speed, width, lanes = odd.max_speed / 10.0, odd.n_lanes * odd.lane_width / 4.0, odd.n_lanes - 1.0
-    low, high = np.zeros(N_OBSERVATION), np.ones(N_OBSERVATION)
+    low, high = np.zeros(observe.N_OBSERVATION), np.ones(observe.N_OBSERVATION)
     limits = {2: width, 3: _LATERAL_SPEED / 2.0, 4: 4.0, 8: width, 9: _LATERAL_SPEED / 2.0}
     limits |= {12: 3.0, 13: 3.0, 14: width, 15: speed, 16: lanes}
-    for place in range(N_OWN, N_OBSERVATION, 5):
+    for place in range(observe.N_OWN, observe.N_OBSERVATION, 5):
         limits |= {place: 3.0, place + 1: width, place + 2: speed, place + 3: lanes}
     for place, limit in limits.items():
         low[place], high[place] = -limit, limit
@@ -64,10 +64,10 @@ def driving_observations(odd: Odd) -> spaces.Box:
     """Give the space of `sim.av_view.view_of_av`: float32 (VIEW_ROWS, VIEW_COLUMNS), SI units."""
     width = odd.n_lanes * odd.lane_width
     lanes = odd.n_lanes - 1.0
-    low, high = np.zeros((VIEW_ROWS, VIEW_COLUMNS)), np.ones((VIEW_ROWS, VIEW_COLUMNS))
+    low, high = np.zeros((av_view.VIEW_ROWS, av_view.VIEW_COLUMNS)), np.ones((av_view.VIEW_ROWS, av_view.VIEW_COLUMNS))
     low[:], high[:] = (
-        [0.0, -SIGHT, -width, 0.0, -_LATERAL_SPEED, LOWEST_COMMAND, 0.0, 0.0],
-        [1.0, SIGHT, width, odd.max_speed, _LATERAL_SPEED, HIGHEST_COMMAND, lanes, 1.0],
+        [0.0, -neighbours.SIGHT, -width, 0.0, -_LATERAL_SPEED, LOWEST_COMMAND, 0.0, 0.0],
+        [1.0, neighbours.SIGHT, width, odd.max_speed, _LATERAL_SPEED, HIGHEST_COMMAND, lanes, 1.0],
     )
     low[0, 1:3] = -odd.max_speed, 0.0
     high[0, 1:3] = odd.test_length, width

@@ -15,7 +15,7 @@ from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.case_file import CaseFile, Happened
 from cornerforge.library.out_case import Fact
 from cornerforge.ndd.model import model_hash
-from cornerforge.sim import NATURAL, Script
+from cornerforge.sim import Script, scripted
 from cornerforge.types import Scenario
 from cornerforge.verbs.cases import SEVERAL, driver_of_cases, experiment_of, is_same
 from cornerforge.verbs.drive_case import happened_in
@@ -93,7 +93,7 @@ class CaseFilesOf:
 
 def _whole(script: Script, driven: Scenario) -> Script:
     """The same script, with the actions of all others, not only of the stored ones."""
-    action = np.full((max(len(script.action), len(driven.action)), script.slot.size), NATURAL, dtype=np.int8)
+    action = np.full((max(len(script.action), len(driven.action)), script.slot.size), scripted.NATURAL, dtype=np.int8)
     action[: len(driven.action)] = driven.action
     return replace(script, action=action)
 

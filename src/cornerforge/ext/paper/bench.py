@@ -26,7 +26,7 @@ from cornerforge.library import CaseLibrary
 from cornerforge.library.filling import fill_library
 from cornerforge.ndd.model import model_hash
 from cornerforge.results import as_json
-from cornerforge.sim import Tally, crashed_tests
+from cornerforge.sim import Tally, runner
 from cornerforge.verbs.train import (
     EVALUATION_TESTS,
     checkpoint_beside,
@@ -325,7 +325,7 @@ class Bench:
             run, tally, f"evaluate ({label})", seed=self.seed, first=EVALUATION_TESTS, tests=tests,
             threads=self.threads, progress=self.progress,
         ):  # fmt: skip
-            crashed += crashed_tests(start, outcomes)
+            crashed += runner.crashed_tests(start, outcomes)
         struck, avoidable = judge(run, self.seed, crashed, reward_numbers("avoidable"), self.threads)
         return {
             **as_json(rate_summary(tally.av_crashes, tally.tests, tally.miles)),

@@ -14,7 +14,7 @@ from cornerforge.experiment.policy_file import policy_hash
 from cornerforge.ext.paper.bench import BOUNDED, FREE, Adversary, Bench
 from cornerforge.ext.paper.item import Finding, Item, Row
 from cornerforge.intervals import poisson_interval
-from cornerforge.sim import simulate_chunks, statistics, warm_up
+from cornerforge.sim import runner, statistics
 from cornerforge.types import METRES_PER_MILE
 
 __all__ = ["FIGURE3"]
@@ -56,11 +56,11 @@ class _Exposure(NamedTuple):
 
 def _count(bench: Bench, run: Experiment, label: str) -> dict[str, Any]:
     """Drive until the AV has travelled the effort's miles and every block has a test."""
-    warm_up(run.setting, run.slots)
+    runner.warm_up(run.setting, run.slots)
     widest = max(grid.bins for grid in statistics.EXPOSURE)
     samples = np.zeros((BLOCKS, len(statistics.EXPOSURE), widest), dtype=np.int64)
     seconds, miles, tests = np.zeros(BLOCKS, dtype=np.int64), np.zeros(BLOCKS), 0
-    chunks = simulate_chunks(
+    chunks = runner.simulate_chunks(
         run.setting, run.slots, seed=bench.seed, first=EXPOSURE_TESTS, tests=10**9, threads=bench.threads,
         counting=True, chunk=_CHUNK,
     )  # fmt: skip

@@ -38,7 +38,7 @@ from cornerforge.rates.monte_carlo import BLOCK, drive_block
 from cornerforge.rates.weighted import weighted_rate
 from cornerforge.results import NaturalRate
 from cornerforge.results.driving import Cost, ModelUncertainty
-from cornerforge.sim import BUILT_IN
+from cornerforge.sim import controllers
 from cornerforge.work.progress import Progress
 
 __all__ = ["Draw", "check_model_draws", "with_model_draws"]
@@ -159,7 +159,7 @@ def _driven(
     came_to = drive(changed, own_seed, tell)
     # Of the AV only where it is matters for how often BVs crash into each other; one from outside is not asked.
     traffic = drive_block(
-        changed.setting.with_drivers(av=BUILT_IN), run.slots, seed=own_seed, first=0, tests=_TRAFFIC_TESTS,
+        changed.setting.with_drivers(av=controllers.BUILT_IN), run.slots, seed=own_seed, first=0, tests=_TRAFFIC_TESTS,
         threads=threads,
     )  # fmt: skip
     came_to["cpu_seconds"] = round(came_to["cpu_seconds"] + traffic.cpu_seconds, 3)

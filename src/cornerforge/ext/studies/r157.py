@@ -38,7 +38,7 @@ from cornerforge.library.schema import ON_RAILS, SCRIPTED
 from cornerforge.ndd.model import save_model
 from cornerforge.results import Regulated
 from cornerforge.results.r157 import RegulatedFamily, RegulatedPair, RegulatedRoads
-from cornerforge.sim import AV_CRASH, AV_FAULT, NOBODY, RAILS, Rails, Setting, simulate_chunks
+from cornerforge.sim import Setting, controllers, outcome, rails, runner
 from cornerforge.work import in_order
 
 __all__ = ["r157", "r157_text"]
@@ -48,7 +48,7 @@ _SHARD_CASES = 1000
 _KMH = 3.6
 _HELD = "held speed"
 _DRIVERS = {**CAREFUL, _HELD: HOLDS}
-_OUTCOMES = {AV_CRASH: "failed", AV_FAULT: "fault"}
+_OUTCOMES = {outcome.AV_CRASH: "failed", outcome.AV_FAULT: "fault"}
 _UP = {"cut-in": "lateral_speed_mps", "cut-out": "lateral_speed_mps", "deceleration": "deceleration_mps2"}
 _ACROSS = {"cut-in": "gap_m", "cut-out": "gap_ahead_of_lead_m", "deceleration": "time_gap_s"}
 """Family -> column of what changes along a picture's axes."""
@@ -89,14 +89,14 @@ def r157(options: R157) -> Regulated:
     driven: list[Driven] = []
     library = None if place is None else _open_library(run, place / "library", options.seed)
     for panel in wanted:
-        rails = rails_of_panel(panel, odd)
-        setting = _setting(run.setting, panel, rails)
+        course = rails_of_panel(panel, odd)
+        setting = _setting(run.setting, panel, course)
         driven.append(
-            Driven(panel, _drive(run, setting, panel, options.seed, n_threads), _judge(panel, rails, n_threads))
+            Driven(panel, _drive(run, setting, panel, options.seed, n_threads), _judge(panel, course, n_threads))
         )
         options.progress("scenarios", sum(len(one.panel) for one in driven), total)
         if library is not None:
-            _keep(replace(run, setting=setting), driven[-1], rails, library, options.seed)
+            _keep(replace(run, setting=setting), driven[-1], course, library, options.seed)
     if not any(one.known.any() for one in driven):
         raise AvFaultError(f"The AV {run.av.name} failed to answer in all of {total:,} scenarios.")
     result = _result(run, driven, too_fast)
@@ -119,27 +119,29 @@ def _identity(run: Experiment, wanted: Sequence[Panel], seed: int) -> dict[str, 
     return {**run.identity(seed), "families": ",".join(dict.fromkeys(panel.family for panel in wanted))}
 
 
-def _setting(setting: Setting, panel: Panel, rails: Rails) -> Setting:
+def _setting(setting: Setting, panel: Panel, course: rails.Rails) -> Setting:
     """Put the others on rails, and set the AV to the speed that it has."""
-    return setting.with_drivers(critical=NOBODY, others=RAILS, rails=rails).with_set_speed(panel.av_kmh / _KMH)
+    return setting.with_drivers(critical=controllers.NOBODY, others=controllers.RAILS, rails=course).with_set_speed(
+        panel.av_kmh / _KMH
+    )
 
 
 def _drive(run: Experiment, setting: Setting, panel: Panel, seed: int, threads: int) -> NDArray[np.uint8]:
-    chunks = simulate_chunks(
+    chunks = runner.simulate_chunks(
         setting, run.slots, seed=seed, first=panel.first, tests=len(panel), threads=run.processes(threads),
         chunk=run.range_size(_CHUNK, len(panel), threads), drive=run.drive,
     )  # fmt: skip
     return np.concatenate([out.code for _, out, _ in chunks])
 
 
-def _judge(panel: Panel, rails: Rails, threads: int) -> dict[str, NDArray[np.bool_]]:
+def _judge(panel: Panel, course: rails.Rails, threads: int) -> dict[str, NDArray[np.bool_]]:
     """Let each reference driver drive in the AV's place."""
-    sizes = np.stack([rails.start["length"][0], rails.start["width"][0]], axis=1)
-    av = rails.start[0, 0]
+    sizes = np.stack([course.start["length"][0], course.start["width"][0]], axis=1)
+    av = course.start[0, 0]
     place, speed = (float(av["x"]), float(av["y"])), float(av["speed"])
 
     def judge(first: int, count: int) -> list[list[bool]]:
-        poses = rails.poses[first : first + count]
+        poses = course.poses[first : first + count]
         scenario = SCENARIOS[panel.family]
         return [[drives_into(code, scenario, speed, place, sizes, one) >= 0 for code in _DRIVERS.values()]
                 for one in poses]  # fmt: skip
@@ -155,7 +157,7 @@ def _open_library(run: Experiment, place: Path, seed: int) -> CaseLibrary:
     return library
 
 
-def _keep(run: Experiment, one: Driven, rails: Rails, library: CaseLibrary, seed: int) -> None:
+def _keep(run: Experiment, one: Driven, course: rails.Rails, library: CaseLibrary, seed: int) -> None:
     """Record the scenarios that the AV fails in, and store them."""
     recorder = run.recorder()
     room = CaseRoom(run.slots, int(run.setting.road.max_decisions))
@@ -164,7 +166,7 @@ def _keep(run: Experiment, one: Driven, rails: Rails, library: CaseLibrary, seed
         recorder.drive(seed, one.panel.first + k)
         extra = {name: values[k] for name, values in columns.items()}
         # All of the rails: another AV may go on where this one crashed.
-        room.add(recorder, extra, start=rails.start[k], poses=rails.poses[k])
+        room.add(recorder, extra, start=course.start[k], poses=course.poses[k])
     after = one.panel.first + len(one.panel)
     done, crashes = library.tests + len(one.panel), library.crashes + len(room)
     library.fill(*room.take(), next_test=after, tests=done, crashes=crashes, shard_cases=_SHARD_CASES)

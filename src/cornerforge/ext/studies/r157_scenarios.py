@@ -24,7 +24,7 @@ from cornerforge.drivers.careful import cut_in_poses
 from cornerforge.drivers.rails import POSE_NUMBERS, SPEED, X, Y, keeps_on, move_aside, slow_down, way_before
 from cornerforge.errors import InputError
 from cornerforge.road.straight import along
-from cornerforge.sim import AV_CRASH, AV_FAULT, START_FIELDS, Rails, rails_of, scripted_start
+from cornerforge.sim import outcome, rails, scripted
 from cornerforge.types import CAR, Odd
 
 __all__ = ["FAMILIES", "Driven", "Panel", "panels", "rails_of_panel", "road_of_r157"]
@@ -101,12 +101,12 @@ class Driven:
     @property
     def known(self) -> NDArray[np.bool_]:
         """Scenarios in which the AV gave usable answers, (S,)."""
-        return np.asarray(self.code != AV_FAULT)
+        return np.asarray(self.code != outcome.AV_FAULT)
 
     @property
     def failed(self) -> NDArray[np.bool_]:
         """Scenarios in which the AV crashes, (S,)."""
-        return np.asarray(self.code == AV_CRASH)
+        return np.asarray(self.code == outcome.AV_CRASH)
 
     def prevented(self, driver: str) -> NDArray[np.bool_]:
         """Scenarios in which the AV fails and the driver does not, (S,)."""
@@ -209,7 +209,7 @@ def _deceleration(av: float, time_gap: float, braking: float) -> NDArray[np.floa
     return poses
 
 
-def rails_of_panel(panel: Panel, odd: Odd) -> Rails:
+def rails_of_panel(panel: Panel, odd: Odd) -> rails.Rails:
     """Make starts and rails of a panel's scenarios. The AV is set to drive at the speed that it has.
 
     Args:
@@ -223,12 +223,12 @@ def rails_of_panel(panel: Panel, odd: Odd) -> Rails:
         else _deceleration(av, x, y)
         for x, y in zip(*panel.points, strict=True)
     ]  # fmt: skip
-    return rails_of(np.stack([_start(one[0], av, odd) for one in poses]), np.stack(poses), panel.first)
+    return rails.rails_of(np.stack([_start(one[0], av, odd) for one in poses]), np.stack(poses), panel.first)
 
 
 def _start(poses: Sequence[NDArray[np.float64]] | NDArray[np.float64], speed: float, odd: Odd) -> NDArray[np.void]:
     """Make the states of the AV and of the vehicles on rails (N, POSE_NUMBERS) at frame 0."""
-    state = dict.fromkeys(START_FIELDS, 0.0) | {
+    state = dict.fromkeys(scripted.START_FIELDS, 0.0) | {
         "target_lane": _AV_LANE, "lanes": 1 << _AV_LANE, "length": _LENGTH, "width": _WIDTH, "kind": CAR,
         "quantile": 0.5, "habit": 0.5, "change_time": odd.lane_change_duration, "inattention": 1.0,
     }  # fmt: skip
@@ -237,4 +237,4 @@ def _start(poses: Sequence[NDArray[np.float64]] | NDArray[np.float64], speed: fl
         place = (0.0, _lane_centre(_AV_LANE), speed) if slot == 0 else (pose[X], pose[Y], pose[SPEED])
         at = dict(zip(("x", "y", "speed"), place, strict=True)) | {"desired_speed": place[2], "signals": slot == 0}
         rows.append([float(value) for value in (state | at).values()])
-    return scripted_start(np.array(rows))
+    return scripted.scripted_start(np.array(rows))

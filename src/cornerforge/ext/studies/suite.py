@@ -27,7 +27,7 @@ from cornerforge.library.harvester import CaseRoom
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
 from cornerforge.ndd.model import model_hash, save_model
 from cornerforge.results.suite import LeftOutAll, LeftOutAv, SuiteAv, SuiteBuilt
-from cornerforge.sim import Ending
+from cornerforge.sim import scripted
 from cornerforge.verbs.cases import SEVERAL, experiment_of
 from cornerforge.verbs.stored_cases import StoredScripts, drive_as_recorded, run_with
 from cornerforge.work.progress import Progress
@@ -198,7 +198,7 @@ def _ends(
     threads: int | None,
     progress: Progress,
     what: str,
-) -> list[list[Ending]]:
+) -> list[list[scripted.Ending]]:
     """Drive cases with all AVs, and end their processes."""
     for run in runs:
         forecast(run, threads, f"{len(ids):,} cases", tests=len(ids))
@@ -209,7 +209,7 @@ def _ends(
             run.rest()
 
 
-def _impacts(ends: Sequence[Sequence[Ending]]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _impacts(ends: Sequence[Sequence[scripted.Ending]]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Relative speed at contact [m/s], NaN without a crash, of each case and AV, (S, A); did an AV fail in it, (S,)."""
     speeds = [[np.nan if end.pose is None else float(impact_speed(end.pose)) for end in of_case] for of_case in ends]
     failed = [any(end.failed for end in of_case) for of_case in ends]

@@ -22,7 +22,7 @@ from cornerforge.library import CaseLibrary
 from cornerforge.library.filling import harvest_tests
 from cornerforge.results import Varied, from_json
 from cornerforge.results.cases import VarietyRow
-from cornerforge.sim import AV_FAULT
+from cornerforge.sim import outcome
 from cornerforge.work.progress import Progress
 from cornerforge.world_options import WorldOptions
 
@@ -111,7 +111,7 @@ def _generated_row(run: Experiment, name: str, tests: int, seed: int, threads: i
         flat = harvested.cases.column("history").combine_chunks().flatten().to_numpy()
         poses.append(flat.reshape(-1, *HISTORY_SHAPE)[:, 0].astype(np.float64))
         sizes.append(np.stack([harvested.cases.column(f"bv_{side}_m").to_numpy() for side in ("length", "width")]))
-        valid += int((harvested.outcomes.code != AV_FAULT).sum())
+        valid += int((harvested.outcomes.code != outcome.AV_FAULT).sum())
         progress(f"variety ({name})", done, tests)
     run.check_not_all_spoiled(valid, tests)
     pose, partner = np.concatenate(poses), np.concatenate(sizes, axis=1)

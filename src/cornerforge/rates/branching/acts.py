@@ -29,7 +29,7 @@ from cornerforge.rates.branching.danger import (
     look_at,
 )
 from cornerforge.road.straight import ahead_by, lane_of
-from cornerforge.sim import lane_wishes, return_chance, sort_by_x, steering
+from cornerforge.sim import chances, neighbours, steering
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -163,7 +163,7 @@ def _note_words(w: World, i: int, setting: Setting, near: Any) -> None:
     near.left = 0.0
     near.toward = 0.0
     if v[i].duration == 0.0:
-        left, right = lane_wishes(w, i, road, tables)
+        left, right = chances.lane_wishes(w, i, road, tables)
         near.low = steering.words_below(left)
         near.high = steering.words_below(left + right)
         if av_lane > near.lane:
@@ -176,7 +176,7 @@ def _note_words(w: World, i: int, setting: Setting, near: Any) -> None:
     if old == near.lane:
         near.toward = 1.0 if near.lane == av_lane else 0.0
         return
-    back = return_chance(w, i, tables.overlook, road, tables)
+    back = chances.return_chance(w, i, tables.overlook, road, tables)
     near.old_lane = old
     near.low = steering.words_below(back)
     near.toward = 1.0 - back if abs(near.lane - av_lane) < abs(old - av_lane) else back
@@ -190,7 +190,7 @@ def look_around(w: World, setting: Setting, network: Network, s: Survey) -> tupl
         Their dangers together; what is ahead of the AV.
     """
     v = w.vehicles
-    sort_by_x(w)
+    neighbours.sort_by_x(w)
     ahead = look_ahead(w)
     total = 0.0
     n = 0

@@ -20,16 +20,7 @@ from cornerforge.rates.branching.population import (
 )
 from cornerforge.rates.branching.splitting import drive_tree_range
 from cornerforge.rates.branching.training_data import TrainingData, add_what_followed, allocate_training_data
-from cornerforge.sim import (
-    BUILT_IN,
-    NATURALISTIC,
-    NOBODY,
-    Setting,
-    allocate_scratch,
-    keep_nothing,
-    naming_tests,
-    warn_of_left_out,
-)
+from cornerforge.sim import Setting, allocate_scratch, controllers, keep_nothing, naming_tests, warn_of_left_out
 from cornerforge.work import Rooms, cpu_seconds, in_order
 
 __all__ = ["BUILT_IN_TREES", "DrivenTrees", "TrainingTable", "TreeDriver", "Watched", "drive_trees"]
@@ -151,9 +142,9 @@ def drive_trees(
     """
     check_integer("tests", tests, low=1)
     who = setting.who
-    if who.critical != NOBODY or who.others != NATURALISTIC:
+    if who.critical != controllers.NOBODY or who.others != controllers.NATURALISTIC:
         raise InputError("Trees are made of natural tests; this run has other drivers.")
-    if who.av != BUILT_IN and driver is BUILT_IN_TREES:
+    if who.av != controllers.BUILT_IN and driver is BUILT_IN_TREES:
         raise InputError("Trees of an AV outside the simulator need a driver of its own.")
     decisions, chunk = setting.road.max_decisions, driver.chunk
 

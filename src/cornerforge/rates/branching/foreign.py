@@ -21,7 +21,6 @@ from cornerforge.foreign.session import AvSession, seeds_of
 from cornerforge.rates.branching import schedule
 from cornerforge.rates.branching.drive import TreeDriver, Watched
 from cornerforge.rates.branching.population import Population
-from cornerforge.sim import answer_width
 from cornerforge.work import is_given_up
 
 __all__ = ["ForeignTrees"]
@@ -148,7 +147,7 @@ class _Driving:
         self._schedule = schedule.allocate_schedule(pool.top.size, pool.depth)
         size = session.batch_size
         self._views = session.views(size, pool.worlds.vehicles.shape[1])
-        self._width = answer_width(population.setting)
+        self._width = population.setting.answer_width
         self._past = _Past(self._views, self._width)
         none = np.full(size, _NOTHING)
         self._seats = _Seats(none, none.copy(), np.zeros(size, dtype=np.bool_))

@@ -35,7 +35,7 @@ from cornerforge.rates.branching.population import (
 )
 from cornerforge.rates.branching.tilt import draw_branch, draw_start
 from cornerforge.rates.branching.training_data import NO_MOMENT, note_act, note_crash, note_moment
-from cornerforge.sim import AV_CRASH, AV_MUST_ANSWER, MAX_BRANCH, RUNNING, advance, reset_world, steering, world_row
+from cornerforge.sim import AV_MUST_ANSWER, MAX_BRANCH, advance, outcome, reset_world, steering, world_row
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -75,13 +75,12 @@ def _copy(pool: Pool, a: int, b: int) -> None:
     worlds = pool.worlds
     n = worlds.state[a, 0].n_vehicles
     worlds.state[b, 0] = worlds.state[a, 0]
+    worlds.av[b, 0] = worlds.av[a, 0]
     for i in range(n):
         worlds.vehicles[b, i] = worlds.vehicles[a, i]
+        worlds.noticed[b, i] = worlds.noticed[a, i]
         worlds.order[b, i] = worlds.order[a, i]
         worlds.current[b, i] = worlds.current[a, i]
-    for lane in range(worlds.av_lead.shape[1]):
-        worlds.av_lead[b, lane] = worlds.av_lead[a, lane]
-        worlds.av_rear[b, lane] = worlds.av_rear[a, lane]
     for second in range(worlds.state[a, 0].decisions):
         for i in range(n):
             pool.actions[b, second, i] = pool.actions[a, second, i]
@@ -137,7 +136,7 @@ def _end(row: int, population: Population, tree: Any) -> None:
     state = w.state[0]
     weight = pool.weight[row]
     tree.ended += weight
-    if state.outcome != AV_CRASH:
+    if state.outcome != outcome.AV_CRASH:
         return
     tree.weight += weight
     tree.crashes += 1
@@ -289,7 +288,7 @@ def branch_out(place: int, population: Population, tree: Any) -> int:
             pool.top[place] = top - bottom
             return row
         w = world_row(pool.worlds, row)
-        if w.state[0].outcome != RUNNING:
+        if w.state[0].outcome != outcome.RUNNING:
             _end(row, population, tree)
             top = row
             continue
