@@ -137,14 +137,14 @@ def test_without_velocities_they_are_differences(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("more", "ego", "seat"),
-    [({"host": 1}, None, "object 1"), ({"host": 1}, "0", "object 0"), ({"host": None}, "Other", "Other")],
+    ("host", "ego", "seat"),
+    [(1, None, "object 1"), (1, "0", "object 0"), (None, "Other", "Other")],
 )
 def test_the_av_is_the_host_or_the_one_that_is_named(
-    tmp_path: Path, more: dict[str, int | None], ego: str | None, seat: str
+    tmp_path: Path, host: int | None, ego: str | None, seat: str
 ) -> None:
     named = replace(AHEAD, name="Other") if ego == "Other" else AHEAD
-    case = read_osi(scene(tmp_path / "t.osi", AV, named, **more), ego=ego, road=on_road(tmp_path))
+    case = read_osi(scene(tmp_path / "t.osi", AV, named, host=host), ego=ego, road=on_road(tmp_path))
     assert case.called[0] == seat
 
 
@@ -409,7 +409,7 @@ def test_mcap_files_are_read_with_care(tmp_path: Path) -> None:
 
     def written(topics: int = 1, schema: str = "osi3.GroundTruth", **how: CompressionType) -> Path:
         with (tmp_path / "t.mcap").open("wb") as file:
-            writer = Writer(file, **how)  # type: ignore[arg-type]
+            writer = Writer(file, **how)
             writer.start()
             kind = writer.register_schema(schema, "protobuf", b"")
             channels = [writer.register_channel(f"topic{k}", "protobuf", kind) for k in range(topics)]

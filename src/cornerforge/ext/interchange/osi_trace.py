@@ -264,12 +264,12 @@ def _stream(path: Path) -> Iterator[tuple[str, bytes]]:
     with path.open("rb") as file:
         while left:
             head = file.read(4)
-            size = struct.unpack("<I", head)[0] if len(head) == 4 else 0
-            left -= 4
-            if len(head) < 4 or size > left:
+            size = struct.unpack("<I", head)[0] if len(head) == 4 else 4
+            left -= len(head)
+            if size > left:
                 raise FileFormatError(
-                    f"{path.name}, frame {frame}: it is cut off, or this is no OSI trace: its {size:,} bytes are said "
-                    f"to follow, and {max(left, 0):,} are left."
+                    f"{path.name}, frame {frame}: it is cut off, or this is no OSI trace: {size:,} bytes should "
+                    f"follow, and {left:,} are left."
                 )
             if size > _MOST_MESSAGE:
                 raise FileFormatError(f"{path.name}, frame {frame}: it has {size:,} bytes; {_MOST_MESSAGE:,} are read.")
