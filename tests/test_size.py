@@ -10,9 +10,9 @@ SOURCE = Path(__file__).parents[1] / "src" / "cornerforge"
 TOP = "modules beside the folders"
 BUDGETS = {
     "adversary": 3_750, "analysis": 5_400, "cli": 1_200, "counterfactual": 1_460, "drivers": 1_670, "envs": 30,
-    "execution": 650, "experiment": 1_260, "ext": 26_700, "foreign": 4_500, "library": 3_630, "metrics": 720,
-    "ndd": 800, "rates": 4_800, "report": 3_290, "results": 2_600, "road": 240, "sim": 7_800, "verbs": 6_050,
-    TOP: 5_100,
+    "execution": 650, "experiment": 1_260, "ext": 26_700, "foreign": 4_890, "library": 3_630, "metrics": 720,
+    "ndd": 800, "rates": 4_800, "report": 3_290, "results": 2_600, "road": 240, "sim": 7_800, "verbs": 6_080,
+    TOP: 5_120,
 }  # fmt: skip
 LONGEST = 640
 """Lines of a file, at most."""

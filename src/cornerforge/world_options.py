@@ -79,6 +79,18 @@ class AvProcessOptions(_World):
     av_memory: Annotated[
         float | None, Option("GB that a process of such an AV may take; half of the machine's by default.", unit="GB")
     ] = None
+    av_actions: Annotated[
+        str | None,
+        Option(
+            "What an .onnx file, or predict, answers by where that is not clear: box (two numbers of Box(-1, 1)), si "
+            "(m/s2 and a lane wish) or number (of one of the 33 actions).",
+            choices=("box", "si", "number"),
+        ),
+    ] = None
+    av_statistics: Annotated[
+        str | None,
+        Option("File of VecNormalize, or of NumPy, for a network; or none. The one beside an SB3 .zip by default."),
+    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,6 +183,9 @@ class WorldOptions(_Av, RoadOptions, _Budget, AvAskedOptions):
         av_python: Python interpreter in which such an AV runs; None: the one of cornerforge.
         av_memory: Memory that each process of such an AV may take with all that it starts [GB], 0.25 to 1e6; None: half
             of the machine's.
+        av_actions: What an ONNX file or a policy's `predict` answers by: "box", "si" or "number"; None: as it says.
+        av_statistics: File of the mean and variance by which a network's observations were normalised, or "none";
+            None: what lies beside a Stable-Baselines3 file.
     """
 
     def without_mask(self) -> WorldOptions:

@@ -119,7 +119,7 @@ def test_a_policy_gradient_acts_by_the_same_probabilities(name: str, tmp_path: P
         allowed[k] = info["action_mask"]
         given = {"action_masks": allowed[k]} if masks else {}
         with torch.no_grad():
-            drawn = model.policy.get_distribution(torch.from_numpy(seen[None]), **given)
+            drawn: Any = model.policy.get_distribution(torch.from_numpy(seen[None]), **given)
         theirs[k] = drawn.distribution.probs.numpy()
         q_values(numbers, seen, scratch, ours[k])
         seen, _, ended, cut, info = env.step(env.action_space.sample(mask=info["action_mask"]))

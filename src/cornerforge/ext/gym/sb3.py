@@ -74,7 +74,7 @@ def policy_of_sb3(model: Any, *, bounded: bool = False) -> Policy:
 
 def _network(model: Any) -> tuple[list[Any], str]:
     """List the modules from observations to values or logits, and say how a policy acts by them (`HEADS`)."""
-    policy = getattr(model, "policy", None)
+    policy: Any = getattr(model, "policy", None)
     if type(getattr(policy, "features_extractor", None)).__name__ not in ("NoneType", "FlattenExtractor"):
         raise InputError("The network extracts features of its own; only MlpPolicy can be taken.")
     values = getattr(getattr(policy, "q_net", None), "q_net", None)
