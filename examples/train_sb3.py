@@ -5,6 +5,7 @@
 
 Stable-Baselines3's DQN drives the background vehicle nearest to the AV. Its network becomes a policy file, which acts
 inside the compiled kernels: measured here on 2,000 tests beside the plain adversaries, and any crash replays by name.
+PPO and sb3-contrib's MaskablePPO go the same way, with policy_kwargs={"activation_fn": torch.nn.ReLU}.
 """
 
 import sys

@@ -82,6 +82,18 @@ class AvProcessOptions(_World):
             more="0.25 to 1e6.",
         ),
     ] = None
+    av_actions: Annotated[
+        str | None,
+        meant(
+            "What an .onnx file, or predict, answers by where that is not clear: box (two numbers of Box(-1, 1)), si "
+            "(m/s2 and a lane wish) or number (of one of the 33 actions).",
+            choices=("box", "si", "number"),
+        ),
+    ] = None
+    av_statistics: Annotated[
+        str | None,
+        meant("File of VecNormalize, or of NumPy, for a network; or none. The one beside an SB3 .zip by default."),
+    ] = None
 
 
 class AvAskedOptions(AvProcessOptions):

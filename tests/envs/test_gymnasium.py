@@ -127,6 +127,7 @@ def test_what_the_mask_forbids_is_never_done() -> None:
     for _ in range(300):
         mask = env.action_masks()
         np.testing.assert_array_equal(mask, info["action_mask"])
+        assert mask[env.action_space.sample(mask=info["action_mask"])]
         assert mask.any()
         forbidding += not mask.all()
         wished = int(rng.integers(33))

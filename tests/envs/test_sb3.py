@@ -1,4 +1,4 @@
-"""A real client: Stable-Baselines3's DQN learns in both environments, and what it learnt acts in our kernels."""
+"""A real client: Stable-Baselines3 learns in both environments, and what it learnt acts in our kernels."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from stable_baselines3 import DQN, PPO
+from stable_baselines3 import DQN, PPO, SAC
 from stable_baselines3.common.env_checker import check_env
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from cornerforge import simulate
 from cornerforge.drivers.policy import allocate_scratch, q_values
@@ -95,19 +96,62 @@ def test_the_policy_file_drives(small_dqn: DQN, tmp_path: Path) -> None:
     assert driven.digest != simulate(bv="nde", tests=64).digest
 
 
+@pytest.mark.full
+@pytest.mark.parametrize("name", ["PPO", "MaskablePPO"])
+def test_a_policy_gradient_acts_by_the_same_probabilities(name: str, tmp_path: Path, seed: int) -> None:
+    """On 1,000 observations of tests that random allowed actions drove."""
+    masks = name == "MaskablePPO"
+    learner = pytest.importorskip("sb3_contrib").MaskablePPO if masks else PPO
+    env = gymnasium.make(ADVERSARY_ID, bounded=True)
+    network = {"activation_fn": torch.nn.ReLU, "net_arch": [48, 48]}
+    model = learner("MlpPolicy", env, n_steps=256, learning_rate=1e-2, policy_kwargs=network, seed=1, device="cpu")
+    model.learn(512)
+    path = tmp_path / "ppo.safetensors"
+    save_policy(policy_of_sb3(model, bounded=True), path)
+    policy = load_policy(path)
+    assert (policy.head, policy.about["made_by"]) == ("softmax", f"stable-baselines3 {name}")
+    numbers, scratch = policy_numbers(policy), allocate_scratch(policy_numbers(policy))
+    seen, info = env.reset(seed=seed % 2**31)
+    env.action_space.seed(seed % 2**31)
+    theirs, ours = np.zeros((1000, 33)), np.zeros((1000, 33), dtype=np.float32)
+    allowed = np.zeros((1000, 33), dtype=np.bool_)
+    for k in range(1000):
+        allowed[k] = info["action_mask"]
+        given = {"action_masks": allowed[k]} if masks else {}
+        with torch.no_grad():
+            drawn: Any = model.policy.get_distribution(torch.from_numpy(seen[None]), **given)
+        theirs[k] = drawn.distribution.probs.numpy()
+        q_values(numbers, seen, scratch, ours[k])
+        seen, _, ended, cut, info = env.step(env.action_space.sample(mask=info["action_mask"]))
+        if ended or cut:
+            seen, info = env.reset()
+    odds = np.exp(ours.astype(np.float64) - ours.max(axis=1, keepdims=True))
+    if masks:
+        assert theirs[~allowed].max() < 1e-12
+        odds[~allowed] = 0.0
+    assert not allowed.all()
+    assert np.ptp(theirs[allowed]) > 0.01, "it hardly depends on what is seen"
+    np.testing.assert_allclose(odds / odds.sum(axis=1, keepdims=True), theirs, atol=1e-5)
+    drawn, greedy = (simulate(bv=str(path), tests=64, acting=acting).digest for acting in ("learned", "greedy"))
+    assert drawn != greedy
+
+
 def test_networks_of_another_kind_are_named() -> None:
     env = gymnasium.make(ADVERSARY_ID)
 
     def dqn(where: Any = env, **network: Any) -> DQN:
         return DQN("MlpPolicy", where, policy_kwargs=network, buffer_size=10)
 
+    normalised = dqn(VecNormalize(DummyVecEnv([lambda: env])))
     for model, message in (
-        (PPO("MlpPolicy", env, device="cpu"), "PPO has no Q-network"),
+        (PPO("MlpPolicy", env, device="cpu"), r"ReLU between them. Train with policy_kwargs"),
+        (SAC("MlpPolicy", gymnasium.make(DRIVING_ID, actions="box"), buffer_size=10), "SAC is no DQN, PPO or Maskable"),
+        (normalised, "normalised observations"),
         (dqn(net_arch=[32, 16]), "hidden layers of one width"),
         (dqn(net_arch=[]), "layers are"),
         (dqn(activation_fn=torch.nn.Tanh), "ReLU between them"),
         (dqn(gymnasium.make(DRIVING_ID)), f"from {N_OBSERVATION} observations"),
-        ("model.zip", "str has no Q-network"),
+        ("model.zip", "str is no DQN, PPO or MaskablePPO"),
     ):
         with pytest.raises(InputError, match=message):
             policy_of_sb3(model)

@@ -70,6 +70,54 @@ def test_the_example_simulates_generates_and_replays(example: Path, capsys: Capt
     assert "av_hash" in err
 
 
+@pytest.mark.processes
+@pytest.mark.filterwarnings("ignore")  # of Stable-Baselines3 itself
+def test_a_network_drives_as_it_was_trained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    """The .zip and the .onnx of one policy, which always brakes fully: the same tests, once its numbers are known."""
+    torch, sb3 = pytest.importorskip("torch"), pytest.importorskip("stable_baselines3")
+    pytest.importorskip("onnxruntime")
+    import gymnasium
+
+    from cornerforge.ext.gym import DRIVING_ID
+
+    monkeypatch.chdir(tmp_path)
+    model = sb3.PPO("MlpPolicy", gymnasium.make(DRIVING_ID, actions="box"), device="cpu", seed=0)
+    with torch.no_grad():
+        model.policy.action_net.weight.zero_()
+        model.policy.action_net.bias.copy_(torch.tensor([-5.0, 0.0]))
+    model.save("brake.zip")
+
+    class Cut(torch.nn.Module):  # type: ignore[name-defined]
+        def __init__(self) -> None:
+            super().__init__()
+            self.policy = model.policy
+
+        def forward(self, observation: Any) -> Any:
+            return self.policy(observation, deterministic=True)[0].clamp(-1.0, 1.0)
+
+    torch.onnx.export(Cut(), (torch.zeros(1, 13, 8),), "brake.onnx", opset_version=17, dynamo=False)
+    status, _, err = call(capsys, "check-av", "brake.onnx")
+    assert status == 2
+    assert "brake.onnx gives -1 to 0. Is the first" in err
+    driven = [
+        call(capsys, "simulate", "--tests", 8, "--av", *av)[1]
+        for av in (["brake.zip"], ["brake.onnx", "--av-actions", "box"], ["brake.onnx", "--av-actions", "si"])
+    ]
+    assert driven[0]["digest"] == driven[1]["digest"] != driven[2]["digest"]
+    assert len({one["av_hash"] for one in driven if "av_hash" in one}) in (0, 3)
+    found = {one["name"]: one for one in call(capsys, "check-av", "brake.zip", "--tests", 2)[1]["checks"]}
+    assert found["read as"]["found"].startswith("two numbers of Box(-1, 1)")
+    assert re.match(
+        r"they differ by \S+ at most on 76 views, to stable-baselines3", found["its maker's answers"]["found"]
+    )
+    assert found["its maker's answers"]["verdict"] == "ok"
+    assert "units" not in found
+    found = {one["name"]: one for one in call(capsys, "check-av", "brake.onnx", "--av-actions", "si")[1]["checks"]}
+    assert found["units"]["verdict"] == "warn"
+    status, _, err = call(capsys, "simulate", "--av", "rl", "--av-actions", "si", "--tests", 1)
+    assert (status, "av_actions is for AVs that are not built in" in err) == (2, True)
+
+
 def test_crashes_of_simulate_are_stored(avs: Path, capsys: Capture) -> None:  # noqa: ARG001
     arguments = ("simulate", "--av", "avs:Accelerates", "--tests", 150, "--stats")
     _, counted, _ = call(capsys, *arguments)

@@ -89,6 +89,22 @@ class Nan(Bad):
 class Raises(Bad):
     def bad(self): raise ValueError("on purpose")
 
+class Beyond(Bad):
+    def bad(self): return np.array([-3.0, 0.0])
+
+class Si:
+    class action_space:
+        low, high = np.array([-8.0, -1.0]), np.array([2.0, 1.0])
+    def predict(self, observation):
+        k = index_of(observation)
+        return np.array([ACTION_ACCELERATIONS[k], ACTION_SIDES[k]])
+class SaidSi:
+    def predict(self, observation):
+        return Si().predict(observation)
+class Other(Si):
+    class action_space:
+        low, high = np.array([-3.0, -1.0]), np.array([3.0, 1.0])
+
 class Elsewhere(Plain):
     class observation_space:
         shape = (41,)
@@ -108,6 +124,8 @@ def test_one_law_drives_the_same_as_a_policy_and_as_a_class() -> None:
     wanted = cornerforge.simulate(av="policies:Class", tests=40).digest
     for name in ("Discrete", "Plain", "Box", "Flat", "make"):
         assert cornerforge.simulate(av=f"policies:{name}", tests=40).digest == wanted, name
+    assert cornerforge.simulate(av="policies:Si", tests=40).digest == wanted
+    assert cornerforge.simulate(av="policies:SaidSi", av_actions="si", tests=40).digest == wanted
 
 
 @pytest.mark.full
@@ -129,6 +147,10 @@ def test_its_state_is_kept_for_each_test() -> None:
         ("Shape", r"array of type float64 and shape \(3,\); expected an action of Discrete\(33\), or of Box"),
         ("Words", r"array of type <U5"),
         ("Nan", "NaN"),
+        (
+            "Beyond",
+            r"predict gave 3, which is beyond Box\(-1, 1\); say --av-actions box to cut there, or --av-actions si",
+        ),
         ("Raises", r"raised ValueError\(on purpose\) \(policies.py:\d+\)"),
     ],
 )
@@ -142,11 +164,33 @@ def test_a_bad_action_costs_its_test_only(name: str, text: str) -> None:
     assert ("on purpose" in run.asked.log.trace(fault.message)) == (name == "Raises")
 
 
+@pytest.mark.full
+@pytest.mark.filterwarnings("ignore")
+def test_a_vec_normalize_of_a_model_is_used() -> None:
+    sb3 = pytest.importorskip("stable_baselines3")
+    import gymnasium
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+    import cornerforge.ext.gym as envs
+
+    seen = np.random.default_rng(2).normal(30.0, 9.0, size=(70, 13, 8)).astype(np.float32)
+    seen[:, 0, 0] = 1.0
+    wrapped = VecNormalize(DummyVecEnv([lambda: gymnasium.make(envs.DRIVING_ID, actions="box")]))
+    wrapped.obs_rms.update(seen)
+    model = sb3.PPO("MlpPolicy", wrapped, device="cpu", seed=1)
+    expected = answers_of_predicted(model.predict(wrapped.normalize_obs(seen), deterministic=True)[0], 70)
+    np.testing.assert_allclose(PolicyDriver(model).answer(seen), expected, atol=1e-5)
+    model._vec_normalize_env = None
+    plain = PolicyDriver(model).answer(seen)
+    assert np.abs(plain - expected).max() > 0.01
+
+
 @pytest.mark.processes
 @pytest.mark.parametrize(
     ("name", "text"),
     [
         ("Elsewhere", r"it observes \(41,\); an AV's view is \(13, 8\), or flattened \(104,\)"),
+        ("Other", r"its action space is .*Other.*; an AV's is Box\(-1, 1"),
         (
             "nothing",
             r"policies:nothing gave a int, which is no AV: it has no method act\(view\), plan\(scene\) or predict",
@@ -174,7 +218,7 @@ def test_actions_are_those_of_the_environment() -> None:
     np.testing.assert_array_equal(answers_of_predicted(index, N_ACTIONS), np.stack(av_commands(index, box=False), 1))
     space = spaces.Box(-1.3, 1.3, (500, 2), np.float32, seed=3)
     wishes = space.sample()
-    np.testing.assert_array_equal(answers_of_predicted(wishes, 500), np.stack(av_commands(wishes, box=True), 1))
+    np.testing.assert_array_equal(answers_of_predicted(wishes, 500, "box"), np.stack(av_commands(wishes, box=True), 1))
     assert (ACTION_ACCELERATIONS.size, ACTION_SIDES.size) == (N_ACTIONS, N_ACTIONS)
     for wrong in ([-1], [True], [[0.0]], ["x"], [None], [[0, 0], [0]]):
         with pytest.raises(UnusableError, match="predict gave"):

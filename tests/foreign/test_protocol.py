@@ -103,6 +103,7 @@ def test_what_is_said_of_a_damaged_av_is_checked(avs: Path) -> None:  # noqa: AR
         assert int(about["objects"] or 0) >= -1
     lies: tuple[dict[str, object], ...] = (
         {"form": "wish"}, {"objects": "x"}, {"hash": 7}, {"kind": None}, {"more": "x"}, {"remembers": []},
+        {"read": "a\n"},
     )  # fmt: skip
     for lie in lies:
         ours, theirs = socket.socketpair()

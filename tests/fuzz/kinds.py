@@ -413,9 +413,10 @@ KINDS = (
     Kind("kernel cache", "kernel cache", "kernel-cache", ("cache/*", "cache/*/*"), (
         Door("call", with_cache, free=("*",)),
     ), 8),
-    Kind("network", "ONNX and SB3", "network", ("n.onnx", "s.zip"), (
-        Door("onnx", f"simulate --tests 2 --av n.onnx --av-processes 1 {_ONE}"), Door("sb3",
-        f"simulate --tests 2 --av s.zip --av-processes 1 {_ONE}", 0.3),
+    Kind("network", "ONNX and SB3", "network", ("n.onnx", "s.zip", "s_vecnormalize.pkl"), (
+        Door("onnx", f"simulate --tests 2 --av n.onnx --av-statistics none --av-processes 1 {_ONE}",
+        unread=("s*",)), Door("sb3",
+        f"simulate --tests 2 --av s.zip --av-statistics s_vecnormalize.pkl --av-processes 1 {_ONE}", 0.3),
     ), 0.5),
 )  # fmt: skip
 

@@ -198,8 +198,9 @@ def _suite(root: Path) -> None:
 @_seed("network")
 def _network(_: Path) -> None:
     test = importlib.import_module("foreign.test_network_files")
-    test.onnx_file(Path("n.onnx"), 2, "B", [13, 8])
+    test.onnx_file(Path("n.onnx"), 2)
     test.model_of("PPO", "raw", (13, 8), policy_kwargs={"net_arch": [8]}).save("s.zip")
+    test.normaliser(Path("s_vecnormalize.pkl"))
 
 
 @_seed("everything")

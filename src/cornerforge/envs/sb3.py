@@ -1,4 +1,4 @@
-"""Conversion of a Stable-Baselines3 DQN that learnt in `cornerforge/Adversary-v0`: see `cornerforge.ext.gym.sb3`."""
+"""Conversion of a Stable-Baselines3 agent that learnt in `cornerforge/Adversary-v0`: see `cornerforge.ext.gym.sb3`."""
 
 from __future__ import annotations
 

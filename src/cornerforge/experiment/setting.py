@@ -131,8 +131,10 @@ def _check_av(spec: AvSpec, *, takes_foreign: bool, takes_recorded: bool) -> Non
         raise InputError(
             f"{RECORDED_AV} is no AV that could drive on its own: it is what was in the AV's seat of a case."
         )
-    for name in ("python", "memory"):
-        if getattr(spec.confines, name) is not None and not spec.is_outside:
+    said = {"python": spec.confines.python, "memory": spec.confines.memory}
+    said |= {"actions": spec.reading.actions, "statistics": spec.reading.statistics}
+    for name, value in said.items():
+        if value is not None and not spec.is_outside:
             raise InputError(f"av_{name} is for AVs that are not built in; {spec.name} is. Leave it out.")
     if spec.is_outside and is_spread():
         raise InputError(

@@ -61,7 +61,8 @@ class _Starter:
             AvFaultError: It is another AV than before.
         """
         name, limits = self._spec.name, {"timeout": self._pace.timeout, "first_timeout": self._pace.first_timeout}
-        process = AvProcess(name, **limits, pace=self._pace, confines=self._spec.confines, log=self._log)
+        how: dict[str, Any] = {"confines": self._spec.confines, "reading": self._spec.reading, **limits}
+        process = AvProcess(name, pace=self._pace, log=self._log, **how)
         about, self.about = self.about, self.about or process.about
         if about is not None and process.about != about:
             process.close()
@@ -182,7 +183,7 @@ class ForeignAv:
 
     def closer(self) -> str:
         """Give the end of a message on a failure: the command that looks closer, and the file of what was printed."""
-        options = self.spec.confines.options()
+        options = self.spec.confines.options() + self.spec.reading.options()
         return f"cornerforge check-av {shlex.quote(self.name)}{options}{self.log.pointer()}"
 
     def explained(self, error: AvFaultError, how: str) -> AvFaultError:

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.foreign.interface import VIEW_SHAPE, AvContext
 from cornerforge.foreign.scene import COLUMNS
-from cornerforge.types import Odd
 
-__all__ = ["EDGE_CASES", "EdgeCase", "edge_case", "ordinary_views", "random_views", "scenes_of"]
+if TYPE_CHECKING:
+    from cornerforge.types import Odd
+
+__all__ = ["EDGE_CASES", "EdgeCase", "edge_case", "ordinary_views", "random_views", "sample_views", "scenes_of"]
 
 _ROWS, _COLUMNS = VIEW_SHAPE
+_SAMPLE = 64
 
 
 @dataclass(frozen=True)
@@ -81,7 +85,7 @@ EDGE_CASES: dict[str, EdgeCase] = {
 """The edge cases by name."""
 
 
-def edge_case(name: str, odd: Odd) -> NDArray[np.float32]:
+def edge_case(name: str, odd: Odd | AvContext) -> NDArray[np.float32]:
     """Make the view (13, 8) of an edge case."""
     case = EDGE_CASES[name]
     view = np.zeros((_ROWS, _COLUMNS), dtype=np.float32)
@@ -96,7 +100,7 @@ def edge_case(name: str, odd: Odd) -> NDArray[np.float32]:
     return view
 
 
-def random_views(rng: np.random.Generator, shape: tuple[int, int], odd: Odd) -> NDArray[np.float32]:
+def random_views(rng: np.random.Generator, shape: tuple[int, int], odd: Odd | AvContext) -> NDArray[np.float32]:
     """Make views (*shape, 13, 8) of random traffic; there is no motion from one view to the next."""
     view = np.zeros((*shape, _ROWS, _COLUMNS), dtype=np.float32)
     lanes = rng.integers(0, odd.n_lanes, (*shape, _ROWS))
@@ -118,6 +122,13 @@ def random_views(rng: np.random.Generator, shape: tuple[int, int], odd: Odd) -> 
             view[step, b] = 0.0
             view[step, b, : len(rows)] = rows
     return view
+
+
+def sample_views() -> NDArray[np.float32]:
+    """Make the views (B, 13, 8) by which networks are judged: edge cases and random traffic, always the same."""
+    road = AvContext(1, 3, 4.0, 5.0, 2.0, 40.0, 4.0, 0.1, 400.0, 1, 0)
+    edges = [edge_case(name, road) for name in EDGE_CASES]
+    return np.concatenate([edges, random_views(np.random.default_rng(0), (1, _SAMPLE), road)[0]]).astype(np.float32)
 
 
 def ordinary_views(n: int, context: AvContext) -> NDArray[np.float32]:

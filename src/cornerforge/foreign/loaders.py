@@ -16,6 +16,9 @@ from typing import Any
 
 from cornerforge.errors import FileFormatError, InputError, UnknownNameError
 from cornerforge.foreign.drivers import Driver, driver_of
+from cornerforge.foreign.edge_cases import sample_views
+from cornerforge.foreign.networks import ACTIONS, Reading
+from cornerforge.foreign.normalised import statistics_for
 from cornerforge.foreign.programs import Program, ProgramDriver, is_program
 
 __all__ = ["FILE_KINDS", "from_folder", "load_av", "looking_in", "source_hash", "split_file"]
@@ -70,46 +73,75 @@ def looking_in(folder: Path) -> Iterator[None]:
             os.environ["PYTHONPATH"] = before
 
 
-def load_av(spec: str) -> tuple[Driver, dict[str, str]]:
-    """Load the AV that a text names, ready to be asked; return it and its `kind` and `hash`.
+def load_av(spec: str, reading: Reading = Reading()) -> tuple[Driver, dict[str, str]]:  # noqa: B008 - it is frozen
+    """Load the AV that a text names, ready to be asked.
+
+    Args:
+        spec: The text behind --av.
+        reading: What is said of a network that its file does not say.
+
+    Returns:
+        The AV, and its `kind`, its `hash`, how a network was `read`, and how far it is from its `maker`'s answers.
 
     Raises:
-        InputError: There is nothing of that name, or it is no AV.
+        InputError: There is nothing of that name, or it is no AV; or it is not clear what a network's numbers are.
         FileFormatError: A file is missing, damaged, or of the wrong shapes.
         MissingExtraError: The library that reads such a file is not installed.
     """
+    if not is_program(spec) and spec.lower().endswith(FILE_KINDS):
+        return _load_network(spec, reading)
     if is_program(spec):
         program = Program(spec)
-        return ProgramDriver(program), {"kind": "program", "hash": source_hash(*program.hash_parts)}
-    if not spec.lower().endswith(FILE_KINDS):
-        return _load_class(spec)
+        driver: Driver = ProgramDriver(program)
+        about = {"kind": "program", "hash": source_hash(*program.hash_parts)}
+    else:
+        driver, about = _load_class(spec, reading)
+    idle = reading.options() if about["kind"] != "policy" or reading.statistics else ""
+    if idle:
+        raise InputError(f"{spec} says itself what it sees and answers; leave out{idle}.")
+    return driver, about | {"read": "", "maker": ""}
+
+
+def _load_network(spec: str, reading: Reading) -> tuple[Driver, dict[str, str]]:
     path = Path(spec)
     if not path.is_file():
         raise FileFormatError(f"No AV file {spec} (looked in {Path.cwd()}).")
-    content = path.read_bytes()
-    about = {"kind": path.suffix[1:].lower(), "hash": source_hash(content)}
-    if about["kind"] == "onnx":
-        from cornerforge.foreign.onnx_file import OnnxAv
+    content, said, why, maker = path.read_bytes(), reading.actions, "", ""
+    statistics = statistics_for(reading.statistics, path)
+    parts = [content, *([statistics.content] if statistics else []), *([said.encode()] if said else [])]
+    if path.suffix.lower() == ".onnx":
+        from cornerforge.foreign.onnx_file import OnnxAv, files_of_weights
 
-        return driver_of(OnnxAv(spec, content)), about
-    from cornerforge.foreign.sb3_file import sb3_av
+        av: Any = OnnxAv(path, content, said, statistics)
+        parts += [file.read_bytes() for file in files_of_weights(path, content)]
+        why = av.why and f" ({av.why})"
+    else:
+        from cornerforge.foreign.sb3_file import Sb3Av
 
-    return driver_of(sb3_av(spec, content)), about
+        if said:
+            raise InputError(f"{spec} says itself what its actions are; leave out --av-actions.")
+        av = Sb3Av(spec, content, statistics)
+        maker = av.compared(sample_views()) if reading.compares else ""
+    driver = driver_of(av)
+    driver.about["remembers"] = "yes" if av.frames > 1 else "no"
+    read = f"{ACTIONS[av.actions][0]}{why}; sees {'one view' if av.frames == 1 else f'the last {av.frames} views'}"
+    read += f", normalised by {ascii(statistics.path.name)[1:-1][:200]}" if statistics else ", not normalised"
+    return driver, {"kind": path.suffix[1:].lower(), "hash": source_hash(*parts), "read": read, "maker": maker}
 
 
-def _load_class(spec: str) -> tuple[Driver, dict[str, str]]:
+def _load_class(spec: str, reading: Reading) -> tuple[Driver, dict[str, str]]:
     file, rest = split_file(spec)
     if file:
-        return _class_of(spec, _import_file(spec, Path(file)), Path(file).name, rest[1:])
+        return _class_of(spec, _import_file(spec, Path(file)), Path(file).name, rest[1:], reading)
     name, _, attribute = spec.partition(":")
     if not name or not all(part.isidentifier() for part in name.split(".")) or not attribute.isidentifier():
         raise InputError(
             f'"{spec}" names no AV; write it as package.module:Class, such as my_av:MyAv, or my_av.py:MyAv.'
         )
-    return _class_of(spec, _import(spec, name), f"module {name}", attribute)
+    return _class_of(spec, _import(spec, name), f"module {name}", attribute, reading)
 
 
-def _class_of(spec: str, module: Any, place: str, attribute: str) -> tuple[Driver, dict[str, str]]:
+def _class_of(spec: str, module: Any, place: str, attribute: str, reading: Reading) -> tuple[Driver, dict[str, str]]:
     if attribute not in vars(module):
         own = {key: value for key, value in vars(module).items() if inspect.isclass(value) and not key.startswith("_")}
         known = [key for key, value in own.items() if value.__module__ == module.__name__] or list(own)
@@ -132,11 +164,12 @@ def _class_of(spec: str, module: Any, place: str, attribute: str) -> tuple[Drive
         raise InputError(f"{spec} gave a {type(av).__name__}, which is no AV: it has no method {_METHODS}.")
     file = getattr(sys.modules.get(made.__module__), "__file__", None)
     source = Path(file).read_bytes() if file else b""
-    about = {"kind": "class", "hash": source_hash(made.__qualname__.encode(), source)}
+    said = [reading.actions.encode()] if reading.actions else []
+    about = {"kind": "class", "hash": source_hash(made.__qualname__.encode(), source, *said)}
     if not callable(getattr(av, "act", None)) and not callable(getattr(av, "plan", None)):
         from cornerforge.foreign.policies import PolicyDriver
 
-        return PolicyDriver(av), about | {"kind": "policy"}
+        return PolicyDriver(av, reading.actions), about | {"kind": "policy"}
     return driver_of(av, made), about
 
 

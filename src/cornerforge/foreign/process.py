@@ -25,6 +25,7 @@ from cornerforge.errors import AvFaultError, CornerForgeError, FileFormatError, 
 from cornerforge.foreign.av_log import AvLog
 from cornerforge.foreign.interface import ANSWERS
 from cornerforge.foreign.interpreter import MARK, USUAL, Confines, environment, worker_command
+from cornerforge.foreign.networks import Reading
 from cornerforge.foreign.pace import Pace
 from cornerforge.foreign.protocol import (
     ACT,
@@ -57,7 +58,7 @@ _END_SECONDS = 15.0
 _POSE = 5
 _ABOUT = {
     "kind": "class|policy|program|onnx|zip", "hash": "[0-9a-f]{16}", "form": "view|" + "|".join(ANSWERS),
-    "objects": r"|-1|\d{1,9}", "remembers": "yes|no",
+    "objects": r"|-1|\d{1,9}", "remembers": "yes|no", "read": "[ -~]{0,500}", "maker": "[ -~]{0,500}",
 }  # fmt: skip
 """What a process says of its AV when it is loaded, and what is allowed."""
 _SAID = struct.Struct("=q")
@@ -137,10 +138,11 @@ class AvProcess:
         pace: What is known of the AV's speed, with these limits; None: nothing.
         confines: In what it runs.
         log: Where what it prints is kept; None: in a log of this process.
+        reading: What is said of a network that its file does not say.
 
     Attributes:
         log: Likewise.
-        about: The AV's `kind` and `hash`, and what `drivers.Driver.about` says of it.
+        about: What `load_av` and `drivers.Driver.about` say of the AV.
 
     Raises:
         InputError, FileFormatError: `spec` names no AV.
@@ -156,8 +158,9 @@ class AvProcess:
         pace: Pace | None = None,
         confines: Confines = USUAL,
         log: AvLog | None = None,
+        reading: Reading = Reading(),  # noqa: B008 - it is frozen
     ) -> None:
-        self._spec = spec
+        self._spec, self._reading = spec, reading
         self._pace = pace or Pace(timeout, first_timeout)
         self._first_timeout = self._pace.first_timeout
         self._batch = 0
@@ -224,7 +227,8 @@ class AvProcess:
             AvFailureError, CornerForgeError: There is none.
             JunkError: What it says cannot be.
         """
-        said = unpack_json(self._ask(LOAD, self._first_timeout, json.dumps({"av": self._spec}).encode()))
+        asked = json.dumps({"av": self._spec} | asdict(self._reading)).encode()
+        said = unpack_json(self._ask(LOAD, self._first_timeout, asked))
         about = {key: said.get(key) for key in _ABOUT}
         wrong = [key for key, allowed in _ABOUT.items() if not re.fullmatch(allowed, str(about[key]))]
         if wrong or not all(isinstance(value, str) for value in about.values()) or len(said) != len(about):

@@ -18,24 +18,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import FileFormatError, MissingExtraError
-from cornerforge.foreign.interface import VIEW_SHAPE
-from cornerforge.foreign.networks import NetworkAv
-from cornerforge.types import N_ACTIONS
+from cornerforge.foreign.networks import ACTIONS, BOUNDS, N_ACTIONS, NetworkAv, form_of, frames_in
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from cornerforge.foreign.normalised import Statistics
 
-__all__ = ["Sb3Av", "sb3_av"]
+__all__ = ["Sb3Av"]
 
 _ACTIVATIONS = ("ReLU", "Tanh", "ELU", "LeakyReLU", "GELU", "SiLU", "Sigmoid", "Softplus")
 _FAMILIES = (
-    # what marks it, layers before the last, the last, activation by default, actions are squashed
-    ("q_net.q_net.0.weight", "q_net.q_net", None, "ReLU", False),
-    ("action_net.weight", "mlp_extractor.policy_net", "action_net", "Tanh", False),
-    ("actor.mu.weight", "actor.latent_pi", "actor.mu", "ReLU", True),
-    ("actor.mu.0.weight", "actor.mu", None, "ReLU", True),
+    # what marks it, layers before the last, the last, activation by default, one that is so made, actions are squashed
+    ("q_net.q_net.0.weight", "q_net.q_net", None, "ReLU", "DQN", False),
+    ("action_net.weight", "mlp_extractor.policy_net", "action_net", "Tanh", "PPO", False),
+    ("actor.mu.weight", "actor.latent_pi", "actor.mu", "ReLU", "SAC", True),
+    ("actor.mu.0.weight", "actor.mu", None, "ReLU", "TD3", True),
 )
-_BRAKING, _ACCELERATION = 8.0, 2.0
 _MAX_JSON = 50_000_000
 _SAFE_TORCH = (2, 10)
 """Before, `torch.load` could run code of a file in spite of `weights_only` (CVE-2025-32434, CVE-2026-24747)."""
@@ -44,75 +41,98 @@ _SAFE_TORCH = (2, 10)
 class Sb3Av(NetworkAv):
     """A chain of linear layers with one activation, evaluated by torch on one thread.
 
-    Args:
-        layers: Weight (out, in) and bias (out,) of each layer, as tensors.
-        activation: Function between the layers.
-        finish: Makes outputs (B, 2) or (B, 33) from the last layer's.
-    """
-
-    def __init__(self, layers: list[tuple[Any, Any]], activation: Any, finish: Callable[[Any], Any]) -> None:
-        super().__init__()
-        self._layers, self._activation, self._finish = layers, activation, finish
-
-    def evaluate(self, view: NDArray[np.float32]) -> NDArray[np.floating]:
-        """See `NetworkAv.evaluate`."""
-        import torch
-
-        with torch.inference_mode():
-            x = torch.from_numpy(view.reshape(len(view), -1))
-            for k, (weight, bias) in enumerate(self._layers):
-                x = torch.nn.functional.linear(self._activation(x) if k else x, weight, bias)
-            outputs: NDArray[np.floating] = self._finish(x).numpy()
-        return outputs
-
-
-def sb3_av(name: str, content: bytes) -> Sb3Av:
-    """Make the AV of a Stable-Baselines3 file.
-
-    Its observation is the view, (13, 8) or flattened (104,). Its action is one of 33, `Discrete(33)`, or two numbers,
-    acceleration [m/s2] and lane wish: of `Box([-8, -1], [2, 1])`, or of `Box(-1, 1, (2,))`, where the first is
-    multiplied by 8 if negative and by 2 if positive (as in `cornerforge/Driving-v0`). The best or mean action is taken.
+    Its observation is the view, (13, 8) or flattened (104,), or the last k of them (`VecFrameStack`). Its action is one
+    of 33, `Discrete(33)`, or two numbers, acceleration [m/s2] and lane wish: of `Box([-8, -1], [2, 1])`, or of
+    `Box(-1, 1, (2,))`, where the first is multiplied by 8 if negative and by 2 if positive (as in
+    `cornerforge/Driving-v0`). The best or mean action is taken.
 
     Args:
         name: The file, for messages.
         content: Its bytes.
+        statistics: How observations were normalised; None: they were not.
 
     Raises:
         MissingExtraError: torch is not installed, or so old that it could run code of the file.
         FileFormatError: It is no file of Stable-Baselines3, or its policy is of another kind.
     """
-    try:
+
+    def __init__(self, name: str, content: bytes, statistics: Statistics | None = None) -> None:
+        try:
+            import torch
+        except ImportError as error:
+            raise MissingExtraError("torch", "learn") from error
+        if tuple(int(part) for part in torch.__version__.split(".")[:2]) < _SAFE_TORCH:
+            needed = "torch {}.{} or newer".format(*_SAFE_TORCH)
+            raise MissingExtraError(
+                f"{needed} (this is {torch.__version__}, which a file could make run code)", "learn"
+            )
+        torch.set_num_threads(1)
+        settings, weights = _read(name, content)
+        for text in ("features_extractor.", "shared_net.", "lstm_actor."):
+            if any(text in key for key in weights):
+                raise FileFormatError(f"{name} has a network of its own ({text[:-1]}); only MlpPolicy can be taken.")
+        family = next((f for f in _FAMILIES if f[0] in weights), None)
+        if family is None:
+            raise FileFormatError(f"{name} holds no policy of DQN, PPO, A2C, SAC, TD3 or DDPG with MlpPolicy.")
+        _, hidden, last, activation, self._kind, self._is_squashed = family
+        if settings.get("use_sde") and self._is_squashed:
+            raise FileFormatError(
+                f"{name} explores by gSDE (use_sde), whose mean action is of another form; train without."
+            )
+        layers = _chain(weights, hidden)
+        if last is not None:
+            layers.append((weights[f"{last}.weight"], weights[f"{last}.bias"]))
+        kwargs = settings.get("policy_kwargs")
+        found = re.search(r"activation\.(\w+)'", str((kwargs or {}).get("activation_fn", "")))
+        chosen = found.group(1) if found else activation
+        if chosen not in _ACTIVATIONS:
+            raise FileFormatError(f"{name} uses the activation {chosen}; known: {', '.join(_ACTIVATIONS)}.")
+        if (kwargs or {}).get("squash_output"):
+            raise FileFormatError(f"{name} was trained with squash_output, which is not supported; train without.")
+        shape = _checked_shape(name, layers, settings)
+        super().__init__(shape, _actions_of(name, settings.get("action_space")), statistics)
+        self._layers, self._between = layers, getattr(torch.nn, chosen)
+        self._activation = self._between()
+        self._bounds = [torch.tensor(bound) for bound in BOUNDS.get(self.actions, ())]
+        parts = f"{hidden}.", f"{last}."
+        self._own = {key: part for key, part in weights.items() if key.startswith(parts)}
+
+    def evaluate(self, observation: NDArray[np.float32]) -> NDArray[np.floating]:
+        """See `NetworkAv.evaluate`."""
         import torch
-    except ImportError as error:
-        raise MissingExtraError("torch", "learn") from error
-    if tuple(int(part) for part in torch.__version__.split(".")[:2]) < _SAFE_TORCH:
-        needed = "torch {}.{} or newer".format(*_SAFE_TORCH)
-        raise MissingExtraError(f"{needed} (this is {torch.__version__}, which a file could make run code)", "learn")
-    torch.set_num_threads(1)
-    settings, weights = _read(name, content)
-    for text in ("features_extractor.", "shared_net."):
-        if any(text in key for key in weights):
-            raise FileFormatError(f"{name} has a network of its own ({text[:-1]}); only MlpPolicy can be taken.")
-    family = next((f for f in _FAMILIES if f[0] in weights), None)
-    if family is None:
-        raise FileFormatError(f"{name} holds no policy of DQN, PPO, A2C, SAC, TD3 or DDPG with MlpPolicy.")
-    _, hidden, last, activation, squashed = family
-    if settings.get("use_sde") and squashed:
-        raise FileFormatError(
-            f"{name} explores by gSDE (use_sde), whose mean action is of another form; train without."
-        )
-    layers = _chain(weights, hidden)
-    if last is not None:
-        layers.append((weights[f"{last}.weight"], weights[f"{last}.bias"]))
-    kwargs = settings.get("policy_kwargs")
-    found = re.search(r"activation\.(\w+)'", str((kwargs or {}).get("activation_fn", "")))
-    chosen = found.group(1) if found else activation
-    if chosen not in _ACTIVATIONS:
-        raise FileFormatError(f"{name} uses the activation {chosen}; known: {', '.join(_ACTIVATIONS)}.")
-    if (kwargs or {}).get("squash_output"):
-        raise FileFormatError(f"{name} was trained with squash_output, which is not supported; train without.")
-    _check_chain(name, layers, settings)
-    return Sb3Av(layers, getattr(torch.nn, chosen)(), _finish(name, settings.get("action_space"), squashed))
+
+        with torch.inference_mode():
+            x = torch.from_numpy(observation.reshape(len(observation), -1))
+            for k, (weight, bias) in enumerate(self._layers):
+                x = torch.nn.functional.linear(self._activation(x) if k else x, weight, bias)
+            if self._bounds:
+                low, high = self._bounds
+                x = low + 0.5 * (torch.tanh(x) + 1.0) * (high - low) if self._is_squashed else x.clamp(low, high)
+            outputs: NDArray[np.floating] = x.numpy()
+        return outputs
+
+    def compared(self, views: NDArray[np.float32]) -> str:
+        """Say how far the answers to views (B, 13, 8) are from those of Stable-Baselines3; "" where it is not there.
+
+        Its own policy is made of the same weights, with nothing that is pickled in the file.
+        """
+        try:
+            import stable_baselines3 as sb3
+            from gymnasium import spaces
+        except ImportError:
+            return ""
+        seen, kind = spaces.Box(-np.inf, np.inf, self.shape), vars(sb3)[self._kind]
+        bounds = [bound.numpy() for bound in self._bounds]
+        acted: Any = spaces.Box(bounds[0], bounds[1]) if bounds else spaces.Discrete(N_ACTIONS)
+        network = {"net_arch": [len(bias) for _, bias in self._layers[:-1]], "activation_fn": self._between}
+        theirs = kind.policy_aliases["MlpPolicy"](seen, acted, lambda _: 0.0, **network)
+        theirs.load_state_dict(theirs.state_dict() | self._own)
+        given = theirs.predict(self.observed(views), deterministic=True)[0]
+        self._past = self._past[:0]
+        answers = ACTIONS[self.actions if bounds else "number"][1](given)
+        most = float(np.abs(answers - self.act(views)).max())
+        self._past = self._past[:0]
+        return f"{most:.2g} at most on {len(views)} views, to stable-baselines3 {sb3.__version__}"
 
 
 def _read(name: str, content: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -140,45 +160,36 @@ def _chain(weights: dict[str, Any], prefix: str) -> list[tuple[Any, Any]]:
     return [(weights[f"{prefix}.{k}.weight"], weights.get(f"{prefix}.{k}.bias")) for k in places]
 
 
-def _check_chain(name: str, layers: list[tuple[Any, Any]], settings: dict[str, Any]) -> None:
+def _checked_shape(name: str, layers: list[tuple[Any, Any]], settings: dict[str, Any]) -> tuple[int, ...]:
+    """Return the shape of an observation, after a check that the layers are a chain from there."""
     shapes = [tuple(weight.shape) for weight, _ in layers]
     linear = all(len(shape) == 2 for shape in shapes) and all(bias is not None for _, bias in layers)
     pairs = zip(shapes, shapes[1:])  # noqa: B905, RUF007 - for Python 3.9
     if not linear or any(a[0] != b[1] for a, b in pairs):
         raise FileFormatError(f"{name} holds layers that are no chain of linear ones ({shapes}).")
     observed = (settings.get("observation_space") or {}).get("_shape")
-    if shapes[0][1] != math.prod(VIEW_SHAPE) or observed not in ([*VIEW_SHAPE], [math.prod(VIEW_SHAPE)]):
+    shape = tuple(observed) if isinstance(observed, list) and all(type(size) is int for size in observed) else ()
+    if not frames_in(shape) or shapes[0][1] != math.prod(shape):
         raise FileFormatError(
-            f"{name} takes observations of shape {observed}; an AV's view is (13, 8), or flattened (104,)."
+            f"{name} takes observations of shape {observed}; an AV's view is (13, 8), or flattened (104,), and k of "
+            "them are (13, 8 k) or (104 k,)."
         )
+    return shape
 
 
-def _numbers(text: object) -> list[float]:
-    return [float(number) for number in re.findall(r"-?\d+(?:\.\d*)?", str(text))]
-
-
-def _finish(name: str, space: Any, squashed: bool) -> Callable[[Any], Any]:
-    """Make the function from the last layer's outputs to 33 values, or to acceleration [m/s2] and lane wish."""
-    import torch
-
+def _actions_of(name: str, space: Any) -> str:
+    """Find out what the last layer's outputs are, a name of `networks.ACTIONS`."""
     space = space if isinstance(space, dict) else {}
     kind = str(space.get(":type:", ""))
     if "Discrete'" in kind and str(space.get("n")) == str(N_ACTIONS) and str(space.get("start", "0")) == "0":
-        return lambda x: x
-    low, high = _numbers(space.get("low")), _numbers(space.get("high"))
-    unit = (low, high) in (([-1.0], [1.0]), ([-1.0, -1.0], [1.0, 1.0]))
-    if "Box'" not in kind or space.get("_shape") != [2] or not (unit or (low, high) == ([-8.0, -1.0], [2.0, 1.0])):
+        return "values"
+    low, high = (
+        [float(number) for number in re.findall(r"-?\d+(?:\.\d*)?", str(space.get(end)))] for end in ("low", "high")
+    )
+    form = form_of(low * 2, high * 2) if len(low) == len(high) == 1 else form_of(low, high)
+    if "Box'" not in kind or space.get("_shape") != [2] or form is None:
         raise FileFormatError(
             f"{name} has the action space {kind} {space.get('n', (low, high))}; an AV's is Discrete(33), "
             "Box([-8, -1], [2, 1]) or Box(-1, 1, (2,))."
         )
-    bottom = torch.tensor([-1.0, -1.0] if unit else [-8.0, -1.0])
-    top = torch.tensor([1.0, 1.0] if unit else [2.0, 1.0])
-
-    def finish(x: Any) -> Any:
-        x = bottom + 0.5 * (torch.tanh(x) + 1.0) * (top - bottom) if squashed else torch.clamp(x, bottom, top)
-        if unit:
-            x[:, 0] = x[:, 0] * torch.where(x[:, 0] < 0.0, _BRAKING, _ACCELERATION)
-        return x
-
-    return finish
+    return form

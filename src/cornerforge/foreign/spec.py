@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from cornerforge.foreign.interpreter import USUAL, Confines
 from cornerforge.foreign.loaders import FILE_KINDS
+from cornerforge.foreign.networks import Reading
 from cornerforge.foreign.process import DEFAULT_TIMEOUT
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ class AvSpec:
         batch: Worlds side by side, 1 to 65,536; None: as many as it answers well together (`choose_batch`).
         processes: AV processes that drive at the same time, 1 to 1024; None: as many as there are threads.
         confines: In what its processes run.
+        reading: What is said of a network that its file does not say.
     """
 
     name: str
@@ -33,6 +35,7 @@ class AvSpec:
     batch: int | None = None
     processes: int | None = None
     confines: Confines = USUAL
+    reading: Reading = Reading()  # noqa: RUF009 - it is frozen
 
     @property
     def is_outside(self) -> bool:
@@ -47,9 +50,12 @@ class AvSpec:
 def spec_of(world: WorldOptions) -> AvSpec:
     """Describe the AV of a world."""
     confines = Confines(world.av_python, world.av_memory)
-    return AvSpec(world.av, world.av_timeout, world.av_batch, world.av_processes, confines)
+    reading = Reading(world.av_actions, world.av_statistics)
+    return AvSpec(world.av, world.av_timeout, world.av_batch, world.av_processes, confines, reading)
 
 
 def with_av(world: WorldOptions, av: str) -> WorldOptions:
-    """Copy options with another AV; Python and memory are for one from outside only."""
-    return replace(world, av=av) if AvSpec(av).is_outside else replace(world, av=av, av_python=None, av_memory=None)
+    """Copy options with another AV; a built-in one is spared those that are for others only."""
+    if AvSpec(av).is_outside:
+        return replace(world, av=av)
+    return replace(world, av=av, av_python=None, av_memory=None, av_actions=None, av_statistics=None)

@@ -52,9 +52,11 @@ class Server:
         try:
             if kind == LOAD:
                 from cornerforge.foreign.loaders import load_av
+                from cornerforge.foreign.networks import Reading
 
                 self.close()
-                self._driver, about = load_av(unpack_json(body)["av"])
+                said = unpack_json(body)
+                self._driver, about = load_av(said.pop("av"), Reading(**said))
                 return pack_json(ANSWER, number, about | self._driver.about)
             if kind == SETUP and self._driver is not None:
                 self._driver.setup(AvContext(**unpack_json(body)))

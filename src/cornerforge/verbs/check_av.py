@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from cornerforge.foreign.named_avs import remember
 from cornerforge.foreign.pace import announce
 from cornerforge.foreign.process import AvFailureError
 from cornerforge.foreign.session import AvSession
-from cornerforge.foreign.spec import spec_of
+from cornerforge.foreign.spec import AvSpec, spec_of
 from cornerforge.results import AvChecked
 from cornerforge.results.avs import AvCheck, AvDoes, AvSpeed
 from cornerforge.sim import controllers
@@ -182,6 +183,10 @@ def check_av(options: CheckAv) -> AvChecked:
         bench.session(1)
         speed: tuple[AvSpeed, ...] = ()
         bench.note("loads", _OK, "it can be made and set up")
+        if bench.about["read"]:
+            bench.note("read as", _OK, bench.about["read"])
+        if bench.about["kind"] == "zip":
+            _compare(bench, spec, road)
         _try_edge_cases(bench, road, options.progress)
         if all(check.verdict != _FAIL for check in bench.checks):
             options.progress("repeats", 0, 1)
@@ -206,8 +211,22 @@ def check_av(options: CheckAv) -> AvChecked:
     )
 
 
+def _compare(bench: _Bench, spec: AvSpec, road: Odd) -> None:
+    """Compare its answers with those of the library that made the file, where it is there, in a process of its own."""
+    other = _Bench(ForeignAv(replace(spec, reading=replace(spec.reading, compares=True)), road))
+    try:
+        other.session(1)
+    except AvFaultError as error:
+        bench.note("its maker's answers", _WARN, f"not compared: {error}")
+    other.close()
+    if said := other.about.get("maker"):
+        verdict = _OK if float(said.split()[0]) <= _ROUNDING else _FAIL
+        bench.note("its maker's answers", verdict, f"they differ by {said}")
+
+
 def _try_edge_cases(bench: _Bench, road: Odd, progress: Progress) -> None:
-    """Try all edge cases, unless the AV hangs again and again."""
+    """Try all edge cases, unless the AV hangs again and again; then say if all answers together are strange."""
+    given: list[float] = []
     try:
         bench.start()
     except AvFailureError as failure:
@@ -218,13 +237,17 @@ def _try_edge_cases(bench: _Bench, road: Odd, progress: Progress) -> None:
         if bench.hangs == _MOST_HANGS:
             bench.note("other edge cases", _FAIL, f"{len(EDGE_CASES) - k} were not tried, because it hangs")
             return
-        _try_edge_case(bench, name, road)
+        _try_edge_case(bench, name, road, given)
+    if 0.0 < max(map(abs, given), default=0.0) <= 1.0:
+        doubt = "no acceleration is beyond -1 to 1 m/s2: are they shares of the strongest, as of Box(-1, 1)?"
+        bench.note("units", _WARN, doubt)
 
 
-def _try_edge_case(bench: _Bench, name: str, odd: Odd) -> None:
+def _try_edge_case(bench: _Bench, name: str, odd: Odd, given: list[float]) -> None:
     view = np.broadcast_to(edge_case(name, odd), (1, bench.few, 13, 8)).astype(np.float32)
     with bench.trying(name):
         answer = bench.answers(view)[0, 0]
+        given.append(float(answer[0]))
         steers = controller_of(bench.about["form"]) == controllers.STEERED
         order = 0.0 if steers else float(answer[1])
         text = f"{answer[0]:.2f} m/s2, " + (f"curvature {answer[1]:+.4f} /m" if steers else f"lane order {order:+.0f}")

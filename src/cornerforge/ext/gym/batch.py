@@ -332,8 +332,8 @@ class BvBatch(Batch):
         return np.asarray((self.outcome == outcome.TIME_UP) | (self.outcome == outcome.AV_FAULT))
 
     def extra(self) -> dict[str, NDArray[Any]]:
-        """The action mask."""
-        return {"action_mask": self.allowed.copy()}
+        """The action mask, int8 (B, 33), as Gymnasium's `Discrete.sample` takes it."""
+        return {"action_mask": self.allowed.astype(np.int8)}
 
     def acted(self) -> dict[str, NDArray[Any]]:
         """The action carried out."""
