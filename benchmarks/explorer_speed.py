@@ -85,7 +85,7 @@ def copied(library: Path, cases: int, to: Path) -> Path:
         few = min(len(source), cases - copy * len(source))
         some, motion = (renamed(part.slice(0, few), copy, step) for part in (rows, tracks))
         new.fill(
-            some, motion, dict(source._manifest.extra or {}), next_test=(copy + 1) * step, tests=(copy + 1) * step,
+            some, motion, next_test=(copy + 1) * step, tests=(copy + 1) * step,
             crashes=copy * len(source) + few, shard_cases=SHARD,
         )  # fmt: skip
     new.finish()

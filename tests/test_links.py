@@ -19,6 +19,7 @@ from output_places import FOLDER, OUTPUTS, stand_ins
 from cornerforge._locks import lock_of
 from cornerforge.cli import main
 from cornerforge.ext.explorer import serve
+from cornerforge.ext.explorer.driving import Driving
 from cornerforge.ext.explorer.exhibit import Exhibit
 from cornerforge.ext.explorer.server import Door
 from cornerforge.foreign.av_log import AvLog
@@ -171,7 +172,7 @@ def test_looking_at_a_strangers_library_writes_through_no_link(
     lay_links(pack, {"library-analysis", "report.html", ".report.html.part"}, victims, {"library-analysis"})
     before = snapshot(victims)
     found = serve._sources(pack / "library")
-    exhibit = Exhibit("library", [(one.source, one.analysis) for one in found], serve._driving((), found[0].source))
+    exhibit = Exhibit("library", [(one.source, one.analysis) for one in found], Driving((), found[0].source))
     monkeypatch.setattr(serve, "_warm_up", lambda *_: None)
     serve._behind(exhibit, found, 1, Event())
     exhibit.close()

@@ -147,6 +147,7 @@ def test_the_facts_of_the_shipped_model_have_intervals_around_them(parts: list[F
         assert row.when == "0-2 s"
         assert row.n > 0
         assert row.found is not None
+        assert row.interval95 is not None
         low, high = row.interval95
         assert low <= row.found <= high
         assert (row.allowed is None) == (row.within is None)

@@ -135,7 +135,7 @@ def test_what_was_written_comes_back(imported: tuple[NddModel, ImportReport], ot
         assert getattr(model.initial, name) == pytest.approx(getattr(other.initial, name), rel=2e-3), name
     assert report.missing == ()
     for role in ("lc_alone", "lc_lead", "lc_rear", "lc_both", "initial_speed", "initial_gap"):
-        assert report.files[role]["misfit"] < 1e-3, role
+        assert float(report.files[role]["misfit"]) < 1e-3, role
     assert report.files["following"]["empty"] == 0
 
 
@@ -207,7 +207,7 @@ def test_a_table_that_is_no_product_keeps_its_sums_and_says_what_is_lost(ours: N
     np.testing.assert_allclose(product.sum(axis=(1, 2)), change.sum(axis=(1, 2)), rtol=1e-5)
     np.testing.assert_allclose(product.sum(axis=0), change.sum(axis=0), rtol=1e-5)
     assert report.files["lc_alone"]["misfit"] == pytest.approx(np.abs(product - change).sum() / change.sum(), rel=1e-4)
-    assert report.files["lc_alone"]["misfit"] > 0.3
+    assert float(report.files["lc_alone"]["misfit"]) > 0.3
 
 
 def test_an_acceptance_above_1_is_clipped_and_counted(ours: NddModel, tmp_path: Path) -> None:

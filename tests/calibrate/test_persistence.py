@@ -98,6 +98,7 @@ def test_correlations_are_those_of_numpy(memory: float, seed: int) -> None:
     assert [row.n for row in rows[:4]] == [80_000] * 4
     gaps = np.concatenate([block.time_gaps[10] for block in blocks], axis=1)
     assert rows[0].found == pytest.approx(np.corrcoef(gaps)[0, 1])
+    assert rows[0].interval95 is not None
     low, high = rows[0].interval95
     assert low < 0.9 < high or rows[0].found == pytest.approx(0.9, abs=0.01)
     assert [row.within for row in rows] == [True, False, False, None, memory > 0.0]

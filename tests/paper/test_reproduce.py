@@ -167,7 +167,7 @@ def test_a_finished_folder_is_not_computed_again(
 
     for name in ("learn", "drive_tests", "simulate_experiment"):
         monkeypatch.setattr(bench_module, name, never)
-    monkeypatch.setattr(figure3, "simulate_chunks", never)
+    monkeypatch.setattr(figure3.runner, "simulate_chunks", never)
     before = snapshot(folder / "items") | snapshot(folder / "policies")
     again = cornerforge.reproduce(effort="quick", out=folder, seed=3, resume=True)
     assert again.items == result.items

@@ -79,7 +79,7 @@ def case_record(
     kept = int(harvest.rows["n_kept"][0])
     harvest.slot[:kept] = scenario.slot[harvest.slot[:kept]]
     harvest.rows["bv_slot"] = scenario.slot[partner]
-    starts, rails = ([] if one is None else [one] for one in (start, poses))
+    starts, rails = () if start is None else (start,), () if poses is None else (poses,)
     cases, tracks = tables_of(harvest, starts=starts, poses=rails)
     if trajectory_digest is not None:
         place = cases.schema.get_field_index("trajectory_digest")
