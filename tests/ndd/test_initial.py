@@ -63,7 +63,7 @@ def test_what_can_hardly_be_drawn_is_refused_with_its_numbers(
         ({"free_gap_low": 1e4}, r"free_gap_low = 10000\.0 m is out of range; allowed: 1\.0 to 1000\.0 m"),
         ({"change_low": 20.0}, r"change_low = 20\.0 is above change_high"),
         ({"vigilance_sigma": 1.6}, r"vigilance_sigma = 1\.6 is out of range"),
-        ({"min_ttc": "2"}, r"min_ttc = '2' is not a number"),
+        ({"min_ttc": "2"}, r"min_ttc = '2' is not allowed; give a number"),
     ],
 )
 def test_a_number_of_no_highway_is_refused_by_name(model: NddModel, changed: dict[str, float], named: str) -> None:
