@@ -1,10 +1,10 @@
 """Reference drivers in a recorded crash: each drives in the AV's place among the recorded others (ADR 39).
 
-It takes over when the manoeuvre that led to the crash began, holds its speed until it sees danger, and brakes
-(`drivers.careful`) on the path that the AV was on. If the AV was nearing the partner already, the driver is there from
-the begin of that approach: it goes on as the AV did until it sees danger, and reacts from there. The others, the end
-and what counts are as for ways out. One more driver only holds its speed: where that is enough, a driver's braking has
-prevented nothing.
+Each takes over when the manoeuvre that led to the crash began, holds its speed until it sees danger, and brakes
+(`drivers.careful`) on the path that the AV was on. If the AV was approaching the partner before that, the driver takes
+over earlier, at the first moment of the approach at which it sees danger. The motion of the others, the end and the
+contacts that count are those of the search for ways out (`search`). One more driver, HOLDS, only holds its speed: where
+that is enough, braking has prevented nothing.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def allocate_judgements(cases: int) -> Judgements:
 
 
 def no_tracks(cases: int) -> NDArray[np.float64]:
-    """Give `judge_cases` no room for motion, which judging does not need."""
+    """Allocate empty `tracks` for `judge_cases`: they are for drawing, and judging needs none."""
     return np.empty((cases, DRIVERS, 0, 4))
 
 
@@ -130,9 +130,9 @@ def _look(test: Trajectories, f: int, kind: int, w: World, ttc: float) -> tuple[
 
 @inlined_kernel
 def _approach_begin(test: Trajectories, partner: int, begin: int) -> int:
-    """Find the first frame from which the AV neared the partner, in front of it, until `begin`; pauses below 1 s count.
+    """Find the first frame of the AV's approach to a partner in front of it, up to `begin`; without one, give `begin`.
 
-    `begin` itself if it did not.
+    In an approach the AV is the faster one, but for pauses of less than 1 s.
     """
     frames = test.frames
     beside = 0.5 * (test.bodies[0].width + test.bodies[partner].width)
@@ -174,7 +174,7 @@ def _drive(
     test: Trajectories, moment: int, end: int, kind: int, reaction: float, m: Manoeuvres, w: World,
     track: NDArray[np.float64],
 ) -> tuple[int, int, float, float]:  # fmt: skip
-    """Let a reference driver drive from a moment to `end` and then stop; returns the columns of `Judgements`.
+    """Let a reference driver drive from a moment to `end` and then stop; returns all of `Judgements` but `begin`.
 
     `track`, (F, 4), is filled with [x m, y m, speed m/s, heading rad] of its first F frames, up to where it is touched.
     """

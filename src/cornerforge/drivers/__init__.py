@@ -1,8 +1,8 @@
 """Driver models: parameters and kernels that map what a vehicle faces to an acceleration, a gain or an action.
 
 Programs take the parameters here: `AVS` and `av_named` (built-in AVs by name), `AvLaw` and `AvModel` (what one is made
-of), `IdmParams`, `MobilParams`, `RssParams`, and `NetworkShape` of a policy. Other rooms take the rest from the module
-of each law.
+of), `IdmParams`, `MobilParams`, `RssParams`, and `NetworkShape` of a policy. Other packages take the rest from the
+module of each law.
 """
 
 from __future__ import annotations

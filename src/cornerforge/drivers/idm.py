@@ -1,4 +1,4 @@
-"""Intelligent driver model (Treiber, Hennecke and Helbing 2000; paper reference 19)."""
+"""Intelligent driver model: how a vehicle accelerates behind its lead (Treiber et al. 2000; paper reference 19)."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Crash rates and their uncertainty.
 
-Programs take intervals here. Ways to a rate: `plain` and `monte_carlo` (counting), `splitting` (weighted tests, of
-`branching`, a room of its own; `teaching` its network), `weighted` (means of weights), `paired` (two AVs), `exposure`
-(per mile of BVs). What it hangs on: `natural` and `crashes` (kinds of cases), `judges`, `model_uncertainty`.
+Programs take intervals here. `plain` and `monte_carlo` count crashes; `splitting` takes weighted tests (`branching`
+drives them, `teaching` trains its network), `weighted` their mean; `paired` compares two AVs; `exposure` counts miles
+of BVs; `natural` and `crashes` tell kinds of crash; `judges`, `model_uncertainty`: how far to trust the results.
 """
 
 from __future__ import annotations
@@ -15,4 +15,4 @@ MODULES = (
     "branching", "crashes", "exposure", "judges", "model_uncertainty", "monte_carlo", "natural", "paired", "plain",
     "splitting", "teaching", "weighted",
 )  # fmt: skip
-"""Modules from which other rooms import too."""
+"""Modules from which other packages import too."""

@@ -10,20 +10,20 @@ of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs
   (a module) has the codes of how it stands and ended. `copy_of`, `branch_of` (up to `MAX_BRANCH`), `packed` and
   `unpacked` copy, branch and store it at any moment; `moment_of` numbers the moment for random words.
 - *Setting*, constant in a run. `Setting`: road, AV, naturalistic model and controllers; `controllers` (a module) says
-  what drives the AV, the critical BV, which is the one nearest to the AV, and the other BVs.
-- *Advance*. `advance` is the one loop. It returns when the test is over (`OVER`), when `until` seconds have passed
+  what drives the AV, the critical BV (the BV nearest to the AV) and the other BVs.
+- *Advance*. `advance` is the one loop. It returns when the test is over (`OVER`), after `until` seconds of the test
   (`MILESTONE`; `NEVER` for none), or when a program outside must answer (`AV_MUST_ANSWER`, `BV_MUST_ANSWER`): it looks
   (`look_as_bv`), it answers (`answer_as_av`, `answer_as_bv`), and the next `advance` goes on from there. `Scratch` of
-  `allocate_scratch` is memory to work in; nothing in it outlives a call; `warn_of_left_out` says what had no room.
+  `allocate_scratch` is working memory, worthless between calls; `warn_of_left_out` warns if it had too little room.
 - *Keep*, what stays of a drive besides its outcome. `Keep`: `keep_nothing`, `keep_whole_test`; `allocate_recording`
-  and `forget_frames` are for frames alone, `statistics` (a module) counts. `all_current` and `bring_up_to_date` are for
-  those that look at vehicles that the loop has left behind.
-- *Drive*: thin callers of the loop. `simulate` sums tests up in a `Tally`, `runner` has its parts; `Recorder` gives one
-  test in full, and `recorder` cases of it, `harvest` cases in bulk; `ScriptDriver` drives a `Script`, more of it is in
-  `scripted` and `rails`; `lockstep` is for AVs in other processes.
+  and `forget_frames` are for frames alone, `statistics` (a module) counts. `all_current` and `bring_up_to_date`
+  serve callers that look at vehicles which the loop moves only once a second.
+- *Drive*: thin callers of the loop. `simulate` sums tests up in a `Tally`, `runner` has its parts; `Recorder` records
+  one test in full, `recorder` makes cases of it, `harvest` collects cases in bulk; `ScriptDriver` drives a `Script`
+  (`scripted`, `rails`); `lockstep` is for AVs in other processes.
 - *Views*: sizes and versions of what is seen by the adversary (`observe`), by an AV (`av_view`, `av_scene`), and by
   the learned AV (`av_features`).
-- *Parts* of a second, for kernels of other rooms: `built_in_av_decides`, and `av_decide` for the plain AV;
+- *Parts* of a second, for kernels of other packages: `built_in_av_decides`, and `av_decide` for the plain AV;
   `choose_action` for plain adversaries and policies; `chances` of each action, `steering` of the words that draw it;
   `neighbours`; `actions` as they begin, `motion`, and `bicycle` of an AV that steers.
 

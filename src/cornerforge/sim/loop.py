@@ -1,10 +1,10 @@
 """The one loop: `advance` moves a world on; everything that drives is a thin caller of it.
 
-A second begins with the decisions of the AV, of the critical BV and of the other BVs, in this order. Ten substeps of
-motion follow; at some of them the AV decides again. When a controller outside the kernels must decide, `advance`
-returns and says which one; `answer_as_av` or `answer_as_bv` takes the answer, and the next `advance` goes on from
-there. All that the rest of the test depends on is in the world, so a world may be copied or stored wherever `advance`
-returns.
+Read `linked_advance` first, at the end: it is the loop, and the functions before it are its parts. A second begins
+with the decisions of the AV, the critical BV and the other BVs, in this order. Ten substeps of motion follow; at some
+of them the AV decides again. When a controller outside the kernels must decide, `advance` returns and says which one;
+`answer_as_av` or `answer_as_bv` takes the answer, and the next `advance` goes on from there. The rest of the test
+depends on the world and the setting only, so a world may be copied or stored wherever `advance` returns.
 """
 
 from __future__ import annotations
@@ -79,12 +79,12 @@ NEVER = 2**62
 _NOBODY_MUST = -1
 _ACCELERATIONS = ACCELERATIONS
 _MIDDLE = np.uint64(2**31)
-"""The word of the median: a script tells only the action, not where in its interval the quantile was."""
+"""Random word of one half: the quantile of a given action is put into the middle of the interval that gives it."""
 
 
 @inlined_kernel
 def answer_as_av(w: World, command: float, lane: int) -> None:
-    """Answer for an AV outside: the acceleration that it holds from now on [m/s2], and its target lane."""
+    """Give the answer of an AV outside the kernels: acceleration [m/s2] that it holds from now on, and target lane."""
     av = w.av[0]
     av.has_answered = 1
     av.command = command
@@ -93,7 +93,7 @@ def answer_as_av(w: World, command: float, lane: int) -> None:
 
 @inlined_kernel
 def steer_as_av(w: World, controls: NDArray[np.float64]) -> None:
-    """Answer for an AV outside that steers.
+    """Give the answer of a steering AV outside the kernels.
 
     Args:
         w: The world.
@@ -110,7 +110,7 @@ def steer_as_av(w: World, controls: NDArray[np.float64]) -> None:
 
 @inlined_kernel
 def answer_as_bv(w: World, action: int) -> None:
-    """Answer for the critical BV, TOLD from outside: an allowed action, or NO_ACTION to let it drive naturally."""
+    """Give the answer for the critical BV, TOLD from outside: an allowed action; NO_ACTION lets it drive naturally."""
     state = w.state[0]
     state.bv_has_answered = 1
     state.bv_action = action
@@ -154,7 +154,7 @@ def _follow_script(w: World, av_lane: int, setting: Setting, s: ChoiceScratch, c
 
 @kernel
 def _remember_script(w: World, setting: Setting) -> None:
-    """Let each BV remember the action that the script gave it; first, all probabilities must have been stated."""
+    """Let each BV remember its action of the script; called when all probabilities of the second are computed."""
     v = w.vehicles
     for i in range(1, w.state[0].n_vehicles):
         if v[i].present:
@@ -241,9 +241,9 @@ def _adversary_acts(w: World, bv: int, setting: Setting, s: Scratch) -> tuple[in
 def _critical_bv_acts(w: World, av_lane: int, recorded: bool, setting: Setting, s: Scratch) -> tuple[int, int, float]:
     """Find the critical BV and let the adversary, if there is one, choose what it does.
 
-    With `recorded`, the probabilities of all actions go into `p` and `unseen` of the scratch, for `record_choice`:
-    they depend on the state before any vehicle moves, and a natural driver's action is known only later. Only these
-    probabilities use `av_lane`, the target lane that the AV has just chosen: the adversary does not see it.
+    With `recorded`, the probabilities of all actions go into the scratch for `record_choice`, because they depend on
+    the state before any vehicle moves and a natural driver's action is known only later: into `p` with `av_lane`, the
+    target lane that the AV has just chosen, into `unseen` with its earlier one. The adversary does not see `av_lane`.
 
     Returns:
         Slot of the critical BV, NO_VEHICLE for none; its action, NO_ACTION where it drives naturally; the natural log
@@ -365,9 +365,9 @@ def advance(w: World, setting: Setting, s: Scratch, keep: Keep, until: int) -> i
 
     Args:
         w: The world, put at the start of a test (`traffic.reset_world`) or left by an earlier call.
-        setting: The run.
+        setting: What is constant in the run.
         s: Scratch.
-        keep: What is kept.
+        keep: Records to fill.
         until: Seconds since the start of the test; NEVER for no milestone.
 
     Returns:

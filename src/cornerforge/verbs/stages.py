@@ -1,4 +1,4 @@
-"""The whole job, stage by stage: one list, whatever says how much of each stage is done."""
+"""The stages of `run` in one list; an effort (`verbs.run`) or hours (`verbs.spend`) decide how much each does."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ __all__ = ["LIBRARY_FILES", "Counted", "Job", "NaturalCases", "PlainRates", "Tra
 
 POLICY = "policy.safetensors"
 LIBRARY_FILES = (f"library/{MANIFEST}", f"library/{MODEL_FILE}")
-"""What its stages make in the folder of a library."""
+"""Files that a stage makes when it fills the library."""
 _LABELS: dict[ExposedTo, str] = {
     "bbd_front": "Bumper-to-bumper distance to the vehicle ahead",
     "bbd_rear": "Bumper-to-bumper distance to the vehicle behind",
@@ -55,7 +55,7 @@ _LABELS: dict[ExposedTo, str] = {
 
 @dataclass(frozen=True)
 class Counted:
-    """Tests with all histograms: their result, and the AV's exposure as counts by quantity."""
+    """Result of tests that were counted with all histograms; the AV's exposure as counts by quantity."""
 
     rate: Simulated
     exposure: dict[str, tuple[Whole, ...]]
@@ -63,7 +63,7 @@ class Counted:
 
 @dataclass(frozen=True)
 class TrainedStage:
-    """A training, and when the points of its curve were reached [s]."""
+    """Result of the training, and the time at which each point of its curve was reached [s]."""
 
     policy: LearnedPolicy
     point_seconds: tuple[float, ...]
@@ -71,7 +71,7 @@ class TrainedStage:
 
 @dataclass(frozen=True)
 class PlainRates:
-    """The yields of plain adversaries, and what measuring them took [s]."""
+    """Yields of the plain adversaries, and how long measuring them took [s]."""
 
     rates: tuple[Baseline, ...]
     seconds: float
@@ -91,7 +91,7 @@ def exposure_counts(tally: Tally) -> dict[str, tuple[int, ...]]:
 
 
 class Job(ABC):
-    """The whole job in a folder; a subclass, its stop rule, says how much of each stage is done.
+    """All stages of `run` in one folder; a subclass decides how much each stage does.
 
     Args:
         options: What the user asked for.
@@ -99,8 +99,8 @@ class Job(ABC):
     Attributes:
         found: Results of the stages that are done, by name.
         how: Keywords of all work: seed, threads, progress.
-        natural: The AV in natural traffic.
-        mask: An experiment whose adversary is as bounded as the job's.
+        natural: Experiment with the AV in natural traffic.
+        mask: Experiment with the adversary's mask and likelihood budget; with `--hours` its AV is the stand-in.
         effort: Name of the amount of work.
         settings: What decides the results besides AV, world, mask and code.
         stand_in: Name and hash of another AV that decides them too.
@@ -123,10 +123,10 @@ class Job(ABC):
 
     @abstractmethod
     def works(self) -> dict[str, Callable[[], Any]]:
-        """Give the work of each stage whose amount the stop rule says, by name."""
+        """Give the work of the stages whose amount the subclass decides, by name."""
 
     def announce(self) -> None:
-        """Say how long it will take, if that is long."""
+        """Tell the user how long the job will take, if that is long."""
         return
 
     def stages(self) -> tuple[Stage, ...]:
@@ -145,7 +145,7 @@ class Job(ABC):
         )
 
     def do(self, *, numbered: bool) -> RunDone:
-        """Do all stages, or go on with them, and write what they came to.
+        """Do all stages that are not done yet; write the summary, the provenance and the report.
 
         Args:
             numbered: Tell the progress the number of each stage.
@@ -165,7 +165,7 @@ class Job(ABC):
         return self._finish(identity)
 
     def identity(self) -> dict[str, Any]:
-        """Name what decides the results, without a policy and a way to drive BVs: a job has several of them."""
+        """Name what decides the results, but no policy and no driver of BVs: a job has several of each."""
         identity: dict[str, Any] = self.natural.identity(self.seed)
         settings = {"world": identity.pop("config_hash"), "mask": self.mask.identity(self.seed)["config_hash"]}
         del identity["bv"], identity["policy_hash"]
@@ -184,7 +184,7 @@ class Job(ABC):
 
     @cached_property
     def hostile(self) -> Experiment:
-        """The AV among the vehicles of the adversary."""
+        """Experiment with the AV against the trained adversary; removes the checkpoint of the training."""
         CheckpointFile(self.folder / f"{POLICY}.checkpoint", {}).remove()
         world, policy = self.world.without_mask(), load_policy(self.folder / POLICY)
         return self.logged(experiment(world, policy=policy, takes_foreign=True, seed=self.seed))
@@ -209,7 +209,7 @@ class Job(ABC):
         return rate(max_tests=max_tests, out=out, resume=True, **more, **self.how, **self.world.av_keywords())
 
     def plain_rates(self, run: Experiment, tests: int) -> PlainRates:
-        """Measure plain adversaries; traffic without an adversary is measured as the baseline, on many more tests."""
+        """Measure the plain adversaries; the stage `nde` measures traffic without one, on many more tests."""
         begun = time.perf_counter()
         rates = measure_baselines(run, tests=tests, reward=self.options.reward, **self.how)
         return PlainRates(tuple(one for one in rates if one.name != "nobody"), round(time.perf_counter() - begun, 3))

@@ -1,4 +1,4 @@
-"""Stages of a job: each is done once; a finished one leaves a file, so a job that was killed goes on after it."""
+"""Stages of a job: each finished one leaves a file, so a job that was killed goes on with the stages that are left."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Stage:
-    """Part of a job.
+    """One stage of a job.
 
     Attributes:
-        name: Of the stage.
+        name: Name of the stage.
         kind: Type of its result.
-        work: Does it.
-        after: Stages that come before it.
-        makes: Names the files that it makes in the output folder, once the stages before it are done.
-        is_kept: Says whether its result gets a file; else it is made anew each time, of what other stages left.
+        work: Function that does the work and returns the result.
+        after: Names of the stages that must be done first.
+        makes: Function, called after those: names the files that the stage makes in the output folder.
+        is_kept: Function, called after those: whether the result gets a file; without one each run makes it anew.
     """
 
     name: str
@@ -43,19 +43,19 @@ class Stages:
 
     Args:
         out: The output folder.
-        progress: Told which stage begins, if their number is known.
-        of: Their number; None: not known.
+        progress: Told which stage begins, if `of` is given.
+        of: Number of stages; None: not known.
     """
 
     def __init__(self, out: Path, progress: Progress = NO_PROGRESS, of: int | None = None) -> None:
         self._out, self._progress, self._of, self._begun = out, progress, of, 0
 
     def go(self, stages: Sequence[Stage], found: dict[str, Any]) -> None:
-        """Do stages, always the first of the list for which all is done that comes before it.
+        """Do all stages; the next is always the first in the list whose `after` is done.
 
         Args:
             stages: The stages.
-            found: Gets their results, by name.
+            found: Filled with the results, by name.
         """
         left = list(stages)
         while left:
@@ -71,10 +71,10 @@ class Stages:
         """Give the result of a stage, from its file if it is there; else do the work and leave the file.
 
         Args:
-            name: Of the stage.
-            kind: Of its result.
-            work: Does the work.
-            makes: Files in the output folder that it makes; without one of them it is not finished.
+            name: Name of the stage.
+            kind: Type of its result.
+            work: Function that does the work.
+            makes: Files that it makes in the output folder; while one is missing, the stage is not finished.
 
         Raises:
             FileFormatError: The file is damaged.
@@ -87,7 +87,7 @@ class Stages:
         return read(kind, read_json_file(path), f"{path} is damaged", "remove it, or choose another place.")
 
     def begin(self) -> None:
-        """Tell the progress that the next stage begins; `do` and `go` do so too."""
+        """Tell the progress that the next stage begins; `do` and `go` call it for theirs."""
         self._begun += 1
         if self._of is not None:
             begin_part(self._progress, self._begun, self._of)

@@ -1,4 +1,4 @@
-"""Options of driving tests: `simulate`, `rate`, `avs`, `check-av`."""
+"""Options of the commands that drive tests: `simulate`, `rate`, `check-av`; and `avs`, which lists the AVs."""
 
 from __future__ import annotations
 
