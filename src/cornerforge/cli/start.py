@@ -10,6 +10,7 @@ import typer
 
 from cornerforge._files import reason
 from cornerforge._words import shown
+from cornerforge.cli import EXIT_INTERRUPTED
 from cornerforge.cli.commands import add_command
 from cornerforge.cli.config import Call, a_call
 from cornerforge.cli.program import app
@@ -19,7 +20,7 @@ from cornerforge.verbs.options import COMMANDS
 
 __all__ = ["app", "run"]
 
-EXIT_BAD_INPUT, EXIT_INTERRUPTED = 2, 130
+EXIT_BAD_INPUT = 2
 _KEEP_WITH_OUT = ("simulate", "rate")
 """Commands with --resume that keep something only with --out; the other commands with --resume always do."""
 
