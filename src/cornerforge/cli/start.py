@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import traceback
 import warnings
 from typing import Any
@@ -100,7 +101,8 @@ def _run(given: list[str], call: Call) -> int:
             raise
         except OSError as error:  # what no reader or writer has put into words of its own
             named = "" if error.filename is None else f"{shown(str(error.filename))}: "
-            return _complain(f"{named}{reason(error)}; remove it, or choose another place.", debug=debug())
+            do = "make room" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "remove it"
+            return _complain(f"{named}{reason(error)}; {do}, or choose another place.", debug=debug())
         except typer.Abort as abort:
             if isinstance(abort.__cause__, EOFError):  # a file that ended early, not a person at the keyboard
                 raise abort.__cause__ from None
