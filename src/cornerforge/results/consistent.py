@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -41,12 +41,12 @@ def _within(result: Any, place: str) -> Iterator[str]:
         for kind, rule in _RULES.items():
             if isinstance(result, kind):
                 yield from (f'"{place}{said}' for said in rule(result))
-        parts = {one.name: getattr(result, one.name) for one in fields(result)}
-    elif isinstance(result, (Mapping, tuple)):
-        parts = dict(result if isinstance(result, Mapping) else enumerate(result))
+        parts: Iterable[tuple[Any, Any]] = [(one.name, getattr(result, one.name)) for one in fields(result)]
+    elif isinstance(result, Mapping):
+        parts = result.items()
     else:
-        return
-    for name, part in parts.items():
+        parts = enumerate(result) if isinstance(result, tuple) else ()
+    for name, part in parts:
         yield from _within(part, f"{place}{name}.")
 
 
