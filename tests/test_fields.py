@@ -99,6 +99,20 @@ def _accepted(field: Field) -> tuple[bool, ...]:
     return tuple(column_fault(pa.chunked_array([one]), field, str) is None for one in columns)
 
 
+LISTS = [one for one in COLUMNS if pa.types.is_nested(arrow_type(one.type))]
+
+
+@pytest.mark.parametrize("field", LISTS, ids=lambda field: field.name)
+def test_a_null_within_a_list_is_named(field: Field) -> None:
+    kind = arrow_type(field.type)
+    size = getattr(kind, "list_size", 2)
+    low, high = field.within or (0, 1)
+    rows = pa.array([[max(low, min(high, 1))] * size, [max(low, min(high, 1))] * (size - 1) + [None]])
+    fault = column_fault(pa.chunked_array([rows.cast(kind)]), field, lambda row: f"row {row}")
+    assert fault is not None
+    assert fault.startswith(f'"{field.name}"[{size - 1}] of row 1 is missing; it must be ')
+
+
 @pytest.mark.parametrize("field", COLUMNS, ids=lambda field: field.name)
 def test_words_decide_nothing_and_tell_what_is_decided(field: Field) -> None:
     flags = field.nullable, field.nan

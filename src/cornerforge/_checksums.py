@@ -46,8 +46,8 @@ KEY = "sha256"
 """Key of the checksum in a JSON object."""
 _MEMBER = "checksums"
 """Array of a file of arrays that holds the checksums of the others, as JSON text by name."""
-_LARGEST = 1 << 31
-"""Most bytes that the arrays of a file may unpack to: a damaged header could ask for any size."""
+_LARGEST = 1 << 28
+"""Most bytes that the arrays of a file may unpack to, 40 times those of a model: a damaged header could ask for any."""
 
 UNREADABLE = (
     OSError, KeyError, TypeError, ValueError, EOFError, MemoryError, OverflowError, RecursionError, RuntimeError,

@@ -31,15 +31,13 @@ def column_fault(column: pa.ChunkedArray, field: Field, name_of: Callable[[int],
         return f'"{field.name}" of {name_of(row)} is missing; it must be {_must(field)}'
     has_lists = pa.types.is_nested(column.type)
     flat = pc.list_flatten(column) if has_lists else column
-    if not (pa.types.is_integer(flat.type) or pa.types.is_floating(flat.type)):
-        return None
-    values = flat.to_numpy()
-    low, high = field.within or (-_LARGEST, _LARGEST)
-    wrong = ~((values >= low) & (values <= high))
-    if field.nan:
-        wrong &= ~np.isnan(values)
-    if not has_lists:
-        wrong &= flat.is_valid().to_numpy()
+    missing = flat.is_null().to_numpy()
+    wrong = missing & has_lists
+    if pa.types.is_integer(flat.type) or pa.types.is_floating(flat.type):
+        values = flat.to_numpy()
+        low, high = field.within or (-_LARGEST, _LARGEST)
+        outside = ~((values >= low) & (values <= high))
+        wrong |= outside & ~missing & ~(np.isnan(values) & field.nan)
     if not wrong.any():
         return None
     place = row = int(np.flatnonzero(wrong)[0])
@@ -48,7 +46,8 @@ def column_fault(column: pa.ChunkedArray, field: Field, name_of: Callable[[int],
         rows = pc.list_parent_indices(column.combine_chunks()).to_numpy()
         row = int(rows[place])
         where = f"[{place - int(np.searchsorted(rows, row))}]"
-    return f'"{field.name}"{where} of {name_of(row)} is {values[place].item()!r}; it must be {_must(field)}'
+    found = "missing" if missing[place] else repr(values[place].item())
+    return f'"{field.name}"{where} of {name_of(row)} is {found}; it must be {_must(field)}'
 
 
 def _must(field: Field) -> str:

@@ -19,7 +19,9 @@ CornerForgeError                     all errors that the user can correct; the c
 from __future__ import annotations
 
 import difflib
+import re
 import shlex
+import unicodedata
 from collections.abc import Iterable, Sequence
 
 __all__ = [
@@ -36,11 +38,28 @@ __all__ = [
     "UnknownCaseError",
     "UnknownNameError",
     "one_line",
+    "printable",
 ]
 
 
 _LONGEST = 2_000
 """Most characters of a message: names in it come from users and files, and can be of any length."""
+
+
+def printable(text: str) -> str:
+    r"""Write a text so that no terminal and no page obeys it: characters that people do not see become escapes.
+
+    New lines, tabs and spaces of any width stay.
+
+    >>> printable("a\x1b[2J b\u202ec\n")
+    'a\\x1b[2J b\\u202ec\n'
+    """
+    return re.sub(r"[^ -~\n\t]", _seen, text)
+
+
+def _seen(found: re.Match[str]) -> str:
+    one = found[0]
+    return one if one.isprintable() or unicodedata.category(one) == "Zs" else ascii(one)[1:-1]
 
 
 def one_line(text: str) -> str:

@@ -93,7 +93,7 @@ def _usual(words: tuple[str, ...], at: Inputs, out: str) -> dict[str, Sequence[s
         "analyse": {"library": lib, "avoidability": ["2"]},
         "shrink": {"library": lib, "cases": ["none"], "out": [out]},
         "replay": {"library": lib, "case": ["all"]},
-        "retest": {"library": lib},
+        "retest": {"library": lib, "av": ["idm-mobil"]},
         "suite build": {"libraries": lib, "out": [out], "size": ["2"], "zoo": ["idm-mobil"]},
         "r157": {"family": ["none"]},
         "query": {"library": lib, "sql": ["select 1"]},

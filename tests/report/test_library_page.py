@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from edited_files import write_object
+from edited_files import edit_object, write_object
 from html_page import Page
 
 import cornerforge
 from cornerforge.cli import main
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.ndd import default_model_path, load_model, save_model
+from cornerforge.report.artefacts import read_artefacts
 from cornerforge.report.text import miles
 
 pytestmark = pytest.mark.full
@@ -84,3 +85,11 @@ def test_what_has_no_page_is_named(tmp_path: Path, capsys: pytest.CaptureFixture
     text = capsys.readouterr().err
     assert "is no folder of run or rate and no library" in text
     assert text.count("\n") == 1
+
+
+def test_fewer_cases_than_were_analysed_are_refused(run_folder: Path) -> None:
+    """A summary that somebody changed, with a checksum that fits."""
+    made = json.loads((run_folder / "summary.json").read_text(encoding="utf-8"))["generate"]
+    edit_object(run_folder / "summary.json", generate=made | {"cases": 7})
+    with pytest.raises(FileFormatError, match=r'summary\.json: "generate\.cases" is 7, but \d+ were analysed'):
+        read_artefacts(run_folder)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 from edited_files import write_object
 
@@ -15,6 +17,9 @@ from cornerforge import cli
 from cornerforge.errors import InputError, OutputError
 from cornerforge.library import CaseLibrary
 from cornerforge.results import Retested
+from cornerforge.verbs.retest import _Both
+from cornerforge.verbs.retest_files import write_junit
+from cornerforge.verbs.sentences.retest import retest_text
 
 pytestmark = pytest.mark.full
 
@@ -54,6 +59,31 @@ def test_the_same_av_crashes_in_the_same_cases(swerve_library: Path) -> None:
     assert not said.got_worse
     assert said.reacting.verdict in ("open", "alike")
     assert said.natural is None
+    assert said.same_av
+    assert said.recorded.fixed == 0
+    assert "the same AV" in retest_text(said)
+
+
+def test_what_rounding_takes_is_not_called_fixed(swerve_library: Path, tmp_path: Path) -> None:
+    said = cornerforge.retest(swerve_library, av="idm-mobil")
+    new, old = np.ones(said.cases, np.int64), np.ones(said.cases, np.int64)
+    new[:5] = 0
+    both = _Both(new, old, picked=True, same=True)
+    each = tuple(replace(one, recorded=kind, reacting=None) for one, kind in zip(said.each, both.kinds(), strict=True))
+    said = replace(said, recorded=both.compared(), reacting=None, each=each)
+    assert f"{said.cases:,} cases: of the same AV 5 do not come again: rounding of scripts, ADR 40" in retest_text(said)
+    assert (said.recorded.fixed, said.recorded.rounded) == (0, 5)
+    write_junit(tmp_path / "found.xml", said)
+    text = (tmp_path / "found.xml").read_text(encoding="utf-8")
+    assert "fixed" not in text
+    assert text.count("rounding of its script, ADR 40") == 5
+
+
+def test_the_av_must_be_named(swerve_library: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["retest", str(swerve_library)]) == 2
+    assert capsys.readouterr().err == "cornerforge: Missing option '--av'. (see: cornerforge retest --help)\n"
+    with pytest.raises(TypeError, match="missing a required argument: 'av'"):
+        cornerforge.retest(swerve_library)  # type: ignore[call-arg]
 
 
 def test_another_av_crashes_where_it_crashes_without_the_library(swerve_library: Path, place: Path) -> None:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import io
 import os
+import signal
 import sys
-from contextlib import suppress
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from cornerforge._doors import door
@@ -18,6 +21,7 @@ __all__ = ["app", "main"]
 
 __getattr__ = door("cornerforge.cli", {"app": "start"})
 
+EXIT_INTERRUPTED = 130
 EXIT_PIPE = 141
 """Exit status when the reader of our output has gone: 128 + SIGPIPE, as a shell reports it."""
 
@@ -66,10 +70,32 @@ def main(arguments: list[str] | None = None) -> int:
     return status
 
 
+@contextmanager
+def _loading() -> Iterator[None]:
+    """Let Ctrl-C end the process at once: amid an import its exception may be lost, or end in others' tracebacks."""
+
+    def leave(*_: object) -> None:
+        os.write(2, b"cornerforge: interrupted.\n")
+        os._exit(EXIT_INTERRUPTED)
+
+    alone = threading.current_thread() is threading.main_thread()
+    if (
+        not alone or signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+    ):  # nothing to stop, or told not to
+        yield
+        return
+    signal.signal(signal.SIGINT, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 def _status(given: list[str]) -> int:
     page = front_page(given)
     if page is None:
-        from cornerforge.cli.start import run
+        with _loading():
+            from cornerforge.cli.start import run
 
         return run(given)
     sys.stdout.write(page)

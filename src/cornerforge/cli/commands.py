@@ -17,6 +17,7 @@ from cornerforge._schema import allowed_types, meant, shown_of
 from cornerforge.cli.config import read_config
 from cornerforge.cli.output import EXIT_GATE, Bars, run_command
 from cornerforge.cli.program import command_class, epilog, group_of
+from cornerforge.errors import printable
 
 __all__ = ["add_command"]
 
@@ -125,7 +126,7 @@ def add_command(told: Command) -> None:
         failure = _found(told.fails)(result) if told.fails else None
         if failure is not None:
             if failure:
-                typer.echo(failure, err=True)
+                typer.echo(printable(failure), err=True)
             raise typer.Exit(EXIT_GATE)
 
     parameters = [*own.values(), *general]

@@ -14,6 +14,7 @@ import typer
 from cornerforge._locks import claims
 from cornerforge._words import speed_text
 from cornerforge.cli.config import this_call
+from cornerforge.errors import printable
 
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
@@ -68,6 +69,7 @@ class Bars:
 
     def __call__(self, stage: str, done: float, total: float) -> None:
         """Draw; a new stage gets a new bar, or ends the line of the one before."""
+        stage = printable(stage)
         name = stage.partition(" (")[0]  # what stands in brackets may change while a stage lasts
         if self._lines and name != self._stage:
             begun = self._stage == ""
@@ -90,7 +92,7 @@ class Bars:
 
         if self._bars is None:
             columns = (
-                TextColumn("{task.description:>16}"),
+                TextColumn("{task.description:>16}", markup=False),
                 BarColumn(),
                 MofNCompleteColumn(),
                 TextColumn("{task.fields[rate]}"),
@@ -153,13 +155,13 @@ def run_command(
         if as_json:
             typer.echo(json.dumps(content, allow_nan=False))
         elif early or not quiet:  # a server's address is what the command is for
-            typer.echo(text(result))
+            typer.echo(printable(text(result)))
         sys.stdout.flush()
 
     bars = Bars(quiet, lines=stages)
     try:
         compiling = announce_compiling(lambda: None if quiet else typer.echo(compiling_text(), err=True))
-        told = announced(lambda text: None if quiet else typer.echo(text, err=True))
+        told = announced(lambda text: None if quiet else typer.echo(printable(text), err=True))
         call = this_call()
         with (
             engine(at[0], address=at[1], workers=at[2]), compiling, told, called_with(call.stated()),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import traceback
 import warnings
 from typing import Any
@@ -10,6 +11,7 @@ import typer
 
 from cornerforge._files import reason
 from cornerforge._words import shown
+from cornerforge.cli import EXIT_INTERRUPTED
 from cornerforge.cli.commands import add_command
 from cornerforge.cli.config import Call, a_call
 from cornerforge.cli.program import app
@@ -19,7 +21,7 @@ from cornerforge.verbs.options import COMMANDS
 
 __all__ = ["app", "run"]
 
-EXIT_BAD_INPUT, EXIT_INTERRUPTED = 2, 130
+EXIT_BAD_INPUT = 2
 _KEEP_WITH_OUT = ("simulate", "rate")
 """Commands with --resume that keep something only with --out; the other commands with --resume always do."""
 
@@ -99,7 +101,8 @@ def _run(given: list[str], call: Call) -> int:
             raise
         except OSError as error:  # what no reader or writer has put into words of its own
             named = "" if error.filename is None else f"{shown(str(error.filename))}: "
-            return _complain(f"{named}{reason(error)}; remove it, or choose another place.", debug=debug())
+            do = "make room" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "remove it"
+            return _complain(f"{named}{reason(error)}; {do}, or choose another place.", debug=debug())
         except typer.Abort as abort:
             if isinstance(abort.__cause__, EOFError):  # a file that ended early, not a person at the keyboard
                 raise abort.__cause__ from None

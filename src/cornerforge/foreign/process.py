@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.errors import AvFaultError, CornerForgeError, FileFormatError, InputError
+from cornerforge.errors import AvFaultError, CornerForgeError, FileFormatError, InputError, one_line, printable
 from cornerforge.foreign.av_log import AvLog
 from cornerforge.foreign.interface import ANSWERS
 from cornerforge.foreign.interpreter import MARK, USUAL, Confines, environment, worker_command
@@ -34,9 +34,7 @@ from cornerforge.foreign.protocol import (
     LOAD,
     SETUP,
     JunkError,
-    one_line,
     pack,
-    printable,
     receive,
     unpack_json,
 )
@@ -55,6 +53,7 @@ FIRST_TIMEOUT = 60.0
 """Longest time for loading an AV, for setting it up, and for its first answer [s], each."""
 _END_SECONDS = 15.0
 """Time for an AV's keeper to end all that is left [s]; it gives up before."""
+_LONGEST_LINE = 1000
 _POSE = 5
 _ABOUT = {
     "kind": "class|policy|program|onnx|zip", "hash": "[0-9a-f]{16}", "form": "view|" + "|".join(ANSWERS),
@@ -63,6 +62,16 @@ _ABOUT = {
 """What a process says of its AV when it is loaded, and what is allowed."""
 _SAID = struct.Struct("=q")
 _VERBS = {"answer": "gave no usable answer: ", "raised": "raised ", "ended": ""}
+
+
+def _said(text: str) -> str:
+    r"""Write what an AV says in one line, of 1000 characters or less.
+
+    >>> _said("to the\nplanner\x1b[2J")
+    'to the planner\\x1b[2J'
+    """
+    line = one_line(" ".join(text[:10_000].split()))
+    return line if len(line) <= _LONGEST_LINE else line[: _LONGEST_LINE - 3] + "..."
 
 
 class AvFailureError(Exception):
@@ -232,7 +241,7 @@ class AvProcess:
         about = {key: said.get(key) for key in _ABOUT}
         wrong = [key for key, allowed in _ABOUT.items() if not re.fullmatch(allowed, str(about[key]))]
         if wrong or not all(isinstance(value, str) for value in about.values()) or len(said) != len(about):
-            raise JunkError(f"it says of the AV {one_line(str(said))}")
+            raise JunkError(f"it says of the AV {_said(str(said))}")
         return {key: str(value) for key, value in about.items()}
 
     def setup(self, context: AvContext) -> None:
@@ -300,8 +309,8 @@ class AvProcess:
         if not _SAID.size <= begin <= len(body):
             raise JunkError(f"a reply of {len(body)} bytes that begins with {said}")
         told = unpack_json(body[_SAID.size : begin]) if said else {"failed": {}, "traces": {}}
-        failed = {int(b): (str(what), one_line(str(how))) for b, (what, how) in told["failed"].items()}
-        traces = {one_line(str(how)): printable(str(trace)) for how, trace in told["traces"].items()}
+        failed = {int(b): (str(what), _said(str(how))) for b, (what, how) in told["failed"].items()}
+        traces = {_said(str(how)): printable(str(trace)) for how, trace in told["traces"].items()}
         if not all(0 <= b < self._batch for b in failed):
             raise JunkError(f"failures in worlds {sorted(failed)} of {self._batch}")
         for how in dict.fromkeys(how for _, how in failed.values()):
@@ -312,7 +321,7 @@ class AvProcess:
     def _junk(self, error: Exception) -> AvFailureError:
         """Give up a process that does not keep to the protocol: what it says next means nothing."""
         self.close()
-        return AvFailureError("ended", f"disturbed the socket through which it is asked ({one_line(str(error))})")
+        return AvFailureError("ended", f"disturbed the socket through which it is asked ({_said(str(error))})")
 
     def close(self) -> None:
         """End the process."""
@@ -341,7 +350,7 @@ class AvProcess:
             return body
         try:
             failed = unpack_json(body)
-            what, message, trace = str(failed["what"]), one_line(str(failed["message"])), str(failed.get("trace", ""))
+            what, message, trace = str(failed["what"]), _said(str(failed["message"])), str(failed.get("trace", ""))
             how = message if what == "refused" else _VERBS[what] + message
         except (JunkError, KeyError) as error:
             raise self._junk(error) from error

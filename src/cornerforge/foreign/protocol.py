@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import socket
 
-__all__ = ["ACT", "ANSWER", "FAILED", "LOAD", "MOST_BYTES", "SETUP", "JunkError", "one_line", "pack", "pack_json",
-           "printable", "receive", "unpack_json"]  # fmt: skip
+__all__ = ["ACT", "ANSWER", "FAILED", "LOAD", "MOST_BYTES", "SETUP", "JunkError", "pack", "pack_json",
+           "receive", "unpack_json"]  # fmt: skip
 
 LOAD, SETUP, ACT = b"L", b"S", b"A"
 """Messages to the AV's process: load the AV; tell it its world; new tests and views."""
@@ -25,28 +25,12 @@ ANSWER, FAILED = b".", b"!"
 MOST_BYTES = 1 << 30
 """Longest body of a frame."""
 _KINDS = (LOAD, SETUP, ACT, ANSWER, FAILED)
-_LONGEST_LINE = 1000
 _MOST_AT_ONCE = 1 << 20
 _HEAD = struct.Struct("<cQQ")
 
 
 class JunkError(Exception):
     """Bytes came through the socket that are no message of this protocol."""
-
-
-def printable(text: str) -> str:
-    """Write what an AV says so that no terminal obeys it: characters that are none for people become escapes."""
-    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)
-
-
-def one_line(text: str) -> str:
-    r"""Write what an AV says in one line, of 1000 characters or less.
-
-    >>> one_line("to the\nplanner\x1b[2J")
-    'to the planner\\x1b[2J'
-    """
-    line = printable(" ".join(text[:10_000].split()))
-    return line if len(line) <= _LONGEST_LINE else line[: _LONGEST_LINE - 3] + "..."
 
 
 def pack(kind: bytes, number: int, *parts: bytes) -> bytes:

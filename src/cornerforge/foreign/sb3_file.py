@@ -34,6 +34,7 @@ _FAMILIES = (
     ("actor.mu.0.weight", "actor.mu", None, "ReLU", "TD3", True),
 )
 _MAX_JSON = 50_000_000
+_MAX_WEIGHTS = 1 << 28
 _SAFE_TORCH = (2, 10)
 """Before, `torch.load` could run code of a file in spite of `weights_only` (CVE-2025-32434, CVE-2026-24747)."""
 
@@ -143,6 +144,8 @@ def _read(name: str, content: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             if archive.getinfo("data").file_size > _MAX_JSON:
                 raise ValueError("its settings are of no reasonable size")
+            if archive.getinfo("policy.pth").file_size > _MAX_WEIGHTS:
+                raise ValueError(f"its weights unpack to more than {_MAX_WEIGHTS >> 20} MB")
             settings = json.loads(archive.read("data"))
             weights = torch.load(io.BytesIO(archive.read("policy.pth")), map_location="cpu", weights_only=True)
     except Exception as error:  # zipfile, json, torch and pickle each have their own for damaged bytes

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from cornerforge.errors import AvFaultError, CornerForgeError, InputError
+from cornerforge._locks import is_lock
+from cornerforge.errors import AvFaultError, CornerForgeError, InputError, UndrawableError
 from cornerforge.experiment.counting import CHUNK, tally_summary
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import code_hash, provenance, version, write_json
@@ -298,12 +299,25 @@ def fill_library(
             _fill(harvest, filler, library.next_test, cases, tests, progress, stage)
         except (KeyboardInterrupt, AvFaultError):
             filler.rescue()
+            if library.next_test == 0:
+                _release(out)
+            raise
+        except (InputError, UndrawableError):
+            if len(library) == 0:
+                _release(out)
             raise
     run.check_not_all_spoiled(library.tests, library.next_test)
     library.finish()
     seconds = time.perf_counter() - start
     write_json(out / "provenance.json", provenance(library.identity, round(seconds, 3)))
     return library_summary(library, seconds)
+
+
+def _release(out: Path) -> None:
+    """Remove what was begun in a library's folder, so that the corrected command finds it free; an AV's log stays."""
+    for entry in out.iterdir():
+        if not is_lock(entry.name) and entry.name != AV_LOG:
+            entry.unlink()
 
 
 def _fill(

@@ -161,16 +161,23 @@ def read_artefacts(out: Path) -> Artefacts:
     """
     run, analyse = f"cornerforge run --out {out}", analyse_command(out)
     provenance = _provenance(out, run)
+    summary = _summary(out / "summary.json", run)
+    analysis = from_file(Analysed, out / "analysis" / "analysis.json", analyse)
+    if summary.generate is not None and summary.generate.cases < analysis.cases:
+        raise FileFormatError(
+            f'{out / "summary.json"}: "generate.cases" is {summary.generate.cases}, but {analysis.cases} were analysed '
+            f"({out / 'analysis' / 'analysis.json'}); write the file again with: {run}"
+        )
     return Artefacts(
         out=out,
         library=out / "library",
         analysed_in=out / "analysis",
-        summary=_summary(out / "summary.json", run),
+        summary=summary,
         training=_timed(
             from_file(TrainingCurve, out / "training.json", run), from_file(_Times, out / "provenance.json", run)
         ),
         exposure=from_file(Exposure, out / "exposure.json", run),
-        analysis=from_file(Analysed, out / "analysis" / "analysis.json", analyse),
+        analysis=analysis,
         points=_points(out / "analysis" / "points.parquet", analyse),
         provenance=provenance,
         command=run,

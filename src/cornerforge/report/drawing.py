@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any
 
-from cornerforge.errors import MissingExtraError
+from cornerforge.errors import MissingExtraError, printable
 
 __all__ = [
     "BLUE",
@@ -151,8 +151,8 @@ def _cell(cell: object) -> str:
 
 
 def page(title: str, body: str) -> str:
-    """Return a self-contained HTML page."""
-    return (
+    """Return a self-contained HTML page; what is not seen in it is escaped."""
+    return printable(
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{escape(title)}</title>'
         f"<style>{_STYLE}</style></head><body>{body}</body></html>\n"

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import re
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from cornerforge._files import writing
-from cornerforge.errors import MissingExtraError
+from cornerforge.errors import MissingExtraError, printable
 from cornerforge.report import text
 
 __all__ = ["PLAYER", "content_policy", "environment", "template", "write_page"]
@@ -63,11 +64,13 @@ def content_policy(scripts: list[str]) -> str:
 
 
 def write_page(page: str, file: Path) -> Path:
-    """Write a page whole or not at all, and return its path.
+    """Write a page whole or not at all, and return its path; what is not seen is escaped, but in scripts.
 
     Raises:
         OutputError: It cannot be written.
     """
+    parts = re.split("(<script.*?</script>)", page, flags=re.DOTALL)
+    page = "".join(part if index % 2 else printable(part) for index, part in enumerate(parts))
     with writing(file) as part:
         part.write_text(page, encoding="utf-8", newline="\n")
     return file

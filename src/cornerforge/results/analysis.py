@@ -117,7 +117,7 @@ class Judges(Declared):
         meant("Cases that two judges both call preventable; of one with itself: that it calls so."),
     ]
     agreement: Annotated[
-        dict[str, dict[str, float]], meant("Share of the cases of which two judges say the same, 0 to 1.")
+        dict[str, dict[str, Share]], meant("Share of the cases of which two judges say the same, 0 to 1.")
     ]
     avoidable: Annotated[
         tuple[ShareAtReaction, ...],
@@ -184,7 +184,7 @@ class TopCase(Declared):
 class ValueFound(Declared):
     """Case to look at first."""
 
-    weights: Annotated[dict[str, float], meant("Weight of each part of a value; they sum to 1.")]
+    weights: Annotated[dict[str, Share], meant("Weight of each part of a value; they sum to 1.")]
     top: Annotated[tuple[TopCase, ...], meant("Up to ten cases, most valuable first.")]
 
 
@@ -258,7 +258,7 @@ class Analysed(Declared):
     features: Annotated[tuple[str, ...], meant("Names of the features.")]
     padded: Annotated[Whole, meant("Cases shorter than `steps`, which repeat their earliest recorded second.")]
     excluded: Annotated[Whole, meant("Cases shorter than `steps` that were left out.")]
-    explained_variance: Annotated[tuple[float, ...], meant("Share of variance of each principal component.")]
+    explained_variance: Annotated[tuple[Share, ...], meant("Share of variance of each principal component.")]
     loadings: Annotated[dict[str, tuple[float, ...]], meant("By feature, its weight in each component.")]
     eps: Annotated[float | None, meant("Radius of DBSCAN, in the plane of the components; null: there was no split.")]
     min_samples: Annotated[

@@ -30,6 +30,13 @@ class Compared(Difference):
     """Two AVs in the same tests."""
 
     tests: Annotated[Whole, meant("Tests, or cases, that both drove.")]
+    rounded: Annotated[
+        Whole,
+        meant(
+            "Cases in which the same AV does not crash again, by the rounding of their scripts (docs/adr/0040); 0 of "
+            "another AV, whose are `fixed`."
+        ),
+    ] = 0
     left_out: Annotated[Whole, meant("Further ones in which an AV raised, hung or gave no usable answer.")]
     baseline_crashes: Annotated[Whole, meant("Of the baseline.")]
     av_crashes: Annotated[Whole, meant("Of the AV.")]
@@ -49,7 +56,9 @@ class RetestedCase(Declared):
     """Outcome of one case."""
 
     case: Annotated[str, meant("Case id, or name of the case file.")]
-    recorded: Annotated[str, meant('Others as recorded: "fixed", "still crashing", "new", "never" or "failed".')]
+    recorded: Annotated[
+        str, meant('Others as recorded: "fixed", "rounded", "still crashing", "new", "never" or "failed".')
+    ]
     reacting: Annotated[str | None, meant("Others who react: the same; null: the case is no test of a seed.")]
     striker: Annotated[
         str | None,
@@ -70,6 +79,7 @@ class Retested(Difference):
     av: Annotated[str, meant("The AV.")]
     baseline: Annotated[str, meant("What it is compared with.")]
     cases: Annotated[Whole, meant("Cases of the library.")]
+    same_av: Annotated[bool, meant("The AV is the one that made the library, without another baseline.")] = False
     got_worse: Annotated[
         bool,
         meant(

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from cornerforge._checksums import read_json
 from cornerforge._schema import read
 from cornerforge.errors import FileFormatError
+from cornerforge.results.consistent import contradiction
 
 __all__ = ["as_json", "from_file", "from_json"]
 
@@ -56,10 +57,14 @@ def from_file(kind: type[T], path: Path, command: str) -> T:
 
     Raises:
         FileFormatError: The file is missing, unreadable, no JSON, no object, or has been changed; or a value in it is
-            missing, or of another type or range: the message names its place.
+            missing, or of another type or range, or contradicts another: the message names its place.
     """
     content = read_json(path, f"write it with: {command}")
-    return read(kind, content, str(path), f"write the file again with: {command}")
+    found = read(kind, content, str(path), f"write the file again with: {command}")
+    fault = contradiction(found)
+    if fault is not None:
+        raise FileFormatError(f"{path}: {fault}, which cannot both be true; write the file again with: {command}")
+    return found
 
 
 def _plain(value: Any) -> Any:

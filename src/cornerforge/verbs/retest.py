@@ -47,7 +47,9 @@ __all__ = ["retest"]
 _BLOCK = 2_048
 """Natural tests between two looks at the verdict."""
 FIXED, STILL, NEW, NEVER, FAILED = "fixed", "still crashing", "new", "never", "failed"
-"""What became of a test. FAILED: an AV from outside raised, hung or gave no usable answer, so nothing is known."""
+ROUNDED = "rounded"
+"""What became of a test. ROUNDED: the crash of the same AV does not come again (ADR 40). FAILED: an AV from outside
+raised, hung or gave no usable answer, so nothing is known."""
 _NO, _YES, _UNKNOWN = 0, 1, -1
 """Did an AV crash in a test?"""
 
@@ -134,6 +136,7 @@ def _retest_library(
         av=new.av.name,
         baseline=str(cases.identity["av"]) if old is None else old.av.name,
         cases=len(cases),
+        same_av=_is_same(cases, new, old),
         got_worse=any(part is not None and part.verdict == "worse" for part in (of_tests, of_natural)),
         note=_note(cases),
         recorded=of_cases,
@@ -309,17 +312,21 @@ class _Both:
     Attributes:
         new, old: Did each crash: _NO, _YES or _UNKNOWN, (N,).
         picked: The tests were picked because an AV crashed in them.
+        same: Both are the same AV, so that a crash that does not come again is rounding.
     """
 
-    def __init__(self, new: NDArray[np.int64], old: NDArray[np.int64], *, picked: bool = False) -> None:
+    def __init__(
+        self, new: NDArray[np.int64], old: NDArray[np.int64], *, picked: bool = False, same: bool = False
+    ) -> None:
         self._known = (new != _UNKNOWN) & (old != _UNKNOWN)
-        self._new, self._old, self._picked = new == _YES, old == _YES, picked
+        self._new, self._old, self._picked, self._same = new == _YES, old == _YES, picked, same
 
     def kinds(self) -> list[str]:
         """Say what became of each."""
         rows = zip(self._known.tolist(), self._new.tolist(), self._old.tolist(), strict=True)
+        gone = ROUNDED if self._same else FIXED
         return [
-            FAILED if not known else (STILL if was else NEW) if crashes else (FIXED if was else NEVER)
+            FAILED if not known else (STILL if was else NEW) if crashes else (gone if was else NEVER)
             for known, crashes, was in rows
         ]
 
@@ -350,7 +357,8 @@ class _Both:
             left_out=int((~self._known).sum()),
             baseline_crashes=int(old.sum()),
             av_crashes=int(new.sum()),
-            fixed=old_only,
+            fixed=0 if self._same else old_only,
+            rounded=old_only if self._same else 0,
             still_crashing=int((new & old).sum()),
             new_crashes=new_only,
             rate_difference=None if self._picked else (new_only - old_only) / new.size,
@@ -372,7 +380,12 @@ def _as_recorded(
 
     crashed = driven(new, "cases as recorded")
     was = np.full(len(ids), _YES) if old is None else driven(old, "cases as recorded, baseline")
-    return _Both(crashed, was, picked=True)
+    return _Both(crashed, was, picked=True, same=_is_same(cases, new, old))
+
+
+def _is_same(cases: CaseLibrary, new: Experiment, old: Experiment | None) -> bool:
+    """Say whether the AV is the one that made the library, and is compared with what the library says."""
+    return old is None and new.av_hash == cases.identity.get("av_hash")
 
 
 def _reacting(cases: CaseLibrary, new: Experiment, old: Experiment | None, threads: int, progress: Progress) -> _Both:

@@ -10,12 +10,12 @@ from cornerforge.results.retest import Retested, RetestedCase
 
 __all__ = ["write_junit"]
 
-_TAGS = {"new-crash": "failure", "failed": "error", "still-crashing": "skipped"}
+_TAGS = {"new-crash": "failure", "failed": "error", "still-crashing": "skipped", "rounded": "skipped"}
 
 
 def _found(one: RetestedCase) -> str | None:
     """Name the worst of what became of a case; None: the AV does not crash in it."""
-    names = {"new": "new-crash", "failed": "failed", "still crashing": "still-crashing"}
+    names = {"new": "new-crash", "failed": "failed", "still crashing": "still-crashing", "rounded": "rounded"}
     return next((name for kind, name in names.items() if kind in (one.recorded, one.reacting)), None)
 
 
@@ -23,7 +23,8 @@ def _words(one: RetestedCase) -> str:
     reacting = "" if one.reacting is None else f"; others who react: {one.reacting}"
     told = one.failure or one.words
     happened = "" if told is None else f" {told.rstrip('.')}."
-    return f"Case {one.case}: others as recorded: {one.recorded}{reacting}.{happened}"
+    rounded = " (the same AV: rounding of its script, ADR 40)" if one.recorded == "rounded" else ""
+    return f"Case {one.case}: others as recorded: {one.recorded}{rounded}{reacting}.{happened}"
 
 
 def write_junit(file: Path, result: Retested) -> None:
@@ -35,7 +36,7 @@ def write_junit(file: Path, result: Retested) -> None:
     kinds = [_found(one) for one in result.each]
     suite = ElementTree.Element(
         "testsuite", name=f"cornerforge retest {result.library}", tests=str(len(kinds)),
-        failures=str(kinds.count("new-crash")), skipped=str(kinds.count("still-crashing")),
+        failures=str(kinds.count("new-crash")), skipped=str(sum(_TAGS.get(kind or "") == "skipped" for kind in kinds)),
         errors=str(kinds.count("failed")),
         time=str(result.seconds),
     )  # fmt: skip

@@ -19,6 +19,7 @@ from cornerforge._checks import check_integer
 from cornerforge._files import reason
 from cornerforge.errors import InputError, OutputError
 from cornerforge.ext.explorer.app import Guard, explorer_app, read_page
+from cornerforge.ext.explorer.connections import BACKLOG, WAIT_S, Connection
 from cornerforge.ext.explorer.exhibit import Exhibit
 
 __all__ = ["PORT", "Door", "open_door", "serve_exhibit"]
@@ -89,7 +90,7 @@ def open_door(host: str, port: int | None) -> Door:
         try:
             listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             listening.bind((address[0], tried, *address[2:]))
-            listening.listen(128)
+            listening.listen(BACKLOG)
         except OSError as error:
             listening.close()
             if error.errno == errno.EADDRINUSE:
@@ -143,9 +144,10 @@ def serve_exhibit(exhibit: Exhibit, door: Door, up: Callable[[], None]) -> None:
     """
     try:
         config = uvicorn.Config(
-            _guarded(exhibit, door), http="h11", ws="none", lifespan="off", loop="asyncio", interface="asgi3",
+            _guarded(exhibit, door), http=Connection, ws="none", lifespan="off", loop="asyncio", interface="asgi3",
             log_config=None, access_log=False, server_header=False, date_header=False, proxy_headers=False,
-            timeout_keep_alive=30, timeout_graceful_shutdown=1, h11_max_incomplete_event_size=32 * 1024,
+            backlog=BACKLOG, timeout_keep_alive=WAIT_S, timeout_graceful_shutdown=1,
+            h11_max_incomplete_event_size=32 * 1024,
         )  # fmt: skip
         logging.getLogger("uvicorn.error").setLevel(logging.ERROR)  # no line for each malformed request
         with _ending_alike(), suppress(KeyboardInterrupt):

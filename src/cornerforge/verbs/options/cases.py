@@ -95,6 +95,14 @@ class Retest(AvAloneOptions, LongWork):
     library: Annotated[Path | str, meant("A library, a case file, or a folder of such.", metavar="LIB|CASES")] = field(
         kw_only=False
     )
+    av: Annotated[
+        str,
+        meant(
+            "AV under test, which must be named: a built-in one (`cornerforge avs` lists them), module:Class, "
+            'file.py:Class, "cmd: ./program", or an .onnx or SB3 .zip file.',
+            near=("av",),
+        ),
+    ] = field()
     baseline: Annotated[
         str | None, meant("AV to compare with; by default the one that made the library.", near=("av",))
     ] = None

@@ -24,11 +24,16 @@ def retest_text(r: Retested) -> str:
     for what, part in (("others as recorded", r.recorded), ("others who react", r.reacting), ("natural", r.natural)):
         if part is None:
             continue
-        told = (
-            f"  {what}, {part.tests:,} {'cases' if part is r.recorded else 'tests'}: {part.baseline_crashes:,} crashes "
-            f"before, {part.av_crashes:,} now; fixed {part.fixed:,}, still crashing {part.still_crashing:,}, new "
-            f"{part.new_crashes:,}"
-        )
+        told = f"  {what}, {part.tests:,} {'cases' if part is r.recorded else 'tests'}: "
+        if part.rounded:
+            told += f"of the same AV {part.rounded:,} do not come again: rounding of scripts, ADR 40"
+        elif r.same_av and part.fixed == part.new_crashes == 0:
+            told += "the same AV, identical"
+        else:
+            told += (
+                f"{part.baseline_crashes:,} crashes before, {part.av_crashes:,} now; fixed {part.fixed:,}, still "
+                f"crashing {part.still_crashing:,}, new {part.new_crashes:,}"
+            )
         if part.left_out:
             told += f"; left out {part.left_out:,} in which an AV failed"
         if part.rate_difference is not None and part.interval95 is not None and part.verdict is not None:

@@ -1,0 +1,122 @@
+"""Numbers of a result that was read that cannot all be true."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+from cornerforge.results.analysis import Analysed, Avoidability, Judges, Prevented
+from cornerforge.results.driving import CasesMade, Simulated
+
+__all__ = ["contradiction"]
+
+_IN_INTERVAL = {
+    "interval95": ("crashes_per_test", "share", "avoidable_share"),
+    "interval95_per_mile": ("crashes_per_mile",),
+    "interval95_miles": ("miles_between",),
+    "avoidable_interval95": ("avoidable_per_test",),
+    "striking_interval95": ("striking_share",),
+    "paid_interval95": ("paid_per_test",),
+    "unseen_kind_interval95": ("unseen_kind_chance",),
+}
+"""By interval: the number that it is of, the first of these that a result has."""
+_ROUNDED = 1e-6
+
+
+def contradiction(result: Any) -> str | None:
+    """Say of a result, by the names of its numbers, the first two that cannot both be true; None: there are none.
+
+    >>> from cornerforge.results.analysis import ShareAtReaction
+    >>> contradiction(ShareAtReaction(reaction_s=1.0, cases=1, share=0.5, interval95=(0.1, 0.2)))
+    '"share" is 0.5 and "interval95" (0.1, 0.2)'
+    """
+    return next(_within(result, ""), None)
+
+
+def _within(result: Any, place: str) -> Iterator[str]:
+    """Find what contradicts itself in a result and in its parts."""
+    if is_dataclass(result):
+        yield from _of_intervals(result, place)
+        for kind, rule in _RULES.items():
+            if isinstance(result, kind):
+                yield from (f'"{place}{said}' for said in rule(result))
+        parts: Iterable[tuple[Any, Any]] = [(one.name, getattr(result, one.name)) for one in fields(result)]
+    elif isinstance(result, Mapping):
+        parts = result.items()
+    else:
+        parts = enumerate(result) if isinstance(result, tuple) else ()
+    for name, part in parts:
+        yield from _within(part, f"{place}{name}.")
+
+
+def _of_intervals(result: Any, place: str) -> Iterator[str]:
+    for interval, names in _IN_INTERVAL.items():
+        found = getattr(result, interval, None)
+        if found is None:
+            continue
+        low, high = found
+        if low > high:
+            yield f'"{place}{interval}" ends before it begins, {found}'
+        name = next((name for name in names if hasattr(result, name)), None)
+        value = low if name is None else getattr(result, name)
+        if value is not None and not low * (1.0 - _ROUNDED) <= value <= high * (1.0 + _ROUNDED):
+            yield f'"{place}{name}" is {value} and "{interval}" {found}'
+
+
+def _parts(name: str, counts: Mapping[Any, int], whole: int) -> Iterator[str]:
+    """Compare the parts that a whole falls into, each case in one, with the whole."""
+    if sum(counts.values()) != whole:
+        yield f'{name}" are {sum(counts.values())} together and "cases" {whole}'
+
+
+def _share(name: str, share: float, part: int, whole: int, total: str = "cases") -> Iterator[str]:
+    """Compare a share with the counts that it is made of."""
+    if part > whole or abs(share * whole - part) > 0.5:
+        yield f'{name}" is {share} and the counts are {part} of {whole} {total}'
+
+
+def _of_counted(found: Simulated | CasesMade) -> Iterator[str]:
+    yield from _share("crashes_per_test", found.crashes_per_test, found.av_crashes, found.tests, "tests")
+
+
+def _of_avoidability(found: Avoidability) -> Iterator[str]:
+    yield from _parts("labels", {**found.labels, "": found.not_judged}, found.cases)
+
+
+def _of_prevented(found: Prevented) -> Iterator[str]:
+    for name, one in {**{f"by.{name}": one for name, one in found.by.items()}, "any": found.any}.items():
+        yield from _share(f"{name}.share", one.share, one.cases, found.cases)
+        if one.by_braking > one.cases:
+            yield f'{name}.by_braking" is {one.by_braking} and "cases" {one.cases}'
+
+
+def _of_judges(found: Judges) -> Iterator[str]:
+    names = found.both.keys()
+    for table, rows in (("both", found.both), ("agreement", found.agreement)):
+        for name in names:
+            lacks = names - rows.get(name, {}).keys()
+            if lacks:
+                yield f'{table}.{name}.{min(lacks)}" is missing and "both" has it'
+    if any(count > found.cases for row in found.both.values() for count in row.values()):
+        yield f'both" has more than "cases", {found.cases}'
+    for name, shares in {"avoidable": found.avoidable, "lead": (found.lead,), **found.prevented}.items():
+        for one in shares:
+            yield from _share(f"{name}.share", one.share, one.cases, found.cases)
+
+
+def _of_analysed(found: Analysed) -> Iterator[str]:
+    yield from _parts("majority, minority", {"majority": found.majority, "minority": found.minority}, found.cases)
+    yield from _parts("clusters", {one.id: one.size for one in found.clusters}, found.cases)
+    yield from _parts("crash_types", found.crash_types, found.cases)
+    yield from _parts("striker", found.striker, found.cases)
+
+
+_RULES: dict[type, Any] = {
+    Simulated: _of_counted,
+    CasesMade: _of_counted,
+    Avoidability: _of_avoidability,
+    Prevented: _of_prevented,
+    Judges: _of_judges,
+    Analysed: _of_analysed,
+}

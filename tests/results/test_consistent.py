@@ -1,0 +1,76 @@
+"""Numbers of a result that contradict each other are found, and those of real ones are not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from edited_files import write_object
+
+import cornerforge
+from cornerforge.errors import FileFormatError
+from cornerforge.results import Analysed
+from cornerforge.results.stating import from_file
+
+
+@pytest.fixture(scope="module")
+def analysed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The analysis of 40 cases, as `analyse` wrote it."""
+    folder = tmp_path_factory.mktemp("consistent")
+    cornerforge.generate(policy="swerve", cases=40, out=folder / "library", seed=3)
+    cornerforge.analyse(folder / "library", out=folder / "analysis")
+    content: dict[str, Any] = json.loads((folder / "analysis" / "analysis.json").read_text(encoding="utf-8"))
+    return content
+
+
+def test_what_analyse_writes_does_not_contradict_itself(analysed: dict[str, Any], tmp_path: Path) -> None:
+    assert read(analysed, tmp_path).cases == 40
+
+
+def read(content: dict[str, Any], folder: Path) -> Analysed:
+    write_object(folder / "analysis.json", content)
+    return from_file(Analysed, folder / "analysis.json", "cornerforge analyse")
+
+
+def put(*names: Any, value: Any) -> Callable[[dict[str, Any]], None]:
+    """Make a change: another value at a place; None: none there."""
+
+    def change(content: Any) -> None:
+        *way, last = names
+        for name in way:
+            content = content[name]
+        if value is None:
+            del content[last]
+        else:
+            content[last] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (put("judges", "agreement", "fsm", value=None), "judges.agreement.fsm."),
+        (put("judges", "agreement", "fsm", "rss-brake", value=None), "judges.agreement.fsm.rss-brake"),
+        (put("judges", "agreement", "fsm", "rss-brake", value=7.0), "judges.agreement.fsm.rss-brake"),
+        (put("judges", "lead", "share", value=0.123), "judges.lead.share"),
+        (put("avoidability", "interval95", value=[0.98, 0.99]), "avoidability.avoidable_share"),
+        (put("avoidability", "cases", value=777), "avoidability.labels"),
+        (put("prevented", "any", "share", value=7.0), "prevented.any.share"),
+        (put("prevented", "any", "by_braking", value=41), "prevented.any.by_braking"),
+        (put("coverage", "unseen_kind_interval95", value=[0.9, 0.1]), "coverage.unseen_kind_interval95"),
+        (put("majority", value=777), "majority, minority"),
+        (put("crash_types", "head-on", value=41), "crash_types"),
+    ],
+)  # fmt: skip
+def test_a_contradiction_is_named(
+    analysed: dict[str, Any], tmp_path: Path, change: Callable[[dict[str, Any]], None], said: str
+) -> None:
+    content = json.loads(json.dumps(analysed))
+    change(content)
+    with pytest.raises(FileFormatError, match=r"analysis\.json") as raised:
+        read(content, tmp_path)
+    assert f'"{said}' in str(raised.value)
