@@ -57,6 +57,7 @@ class Table:
         numbers: Columns of numbers; NaN where the file has none.
         texts: Columns of names, coded 0, 1, ... in order of the sorted names; -1 where empty.
         line: The row's line in the file, shape (n,).
+        part: Number of the part of its track, rising along the rows, shape (n,); all 0 where tracks are whole.
         bad: The rows left out so far.
         rows_read: Rows in the file, the bad ones too.
     """
@@ -66,6 +67,7 @@ class Table:
     texts: dict[str, NDArray[np.int64]]
     labels: dict[str, list[str]]
     line: NDArray[np.int64]
+    part: NDArray[np.int64]
     bad: BadRows
     rows_read: int
 
@@ -79,7 +81,7 @@ class Table:
         """Keep these rows, in this order."""
         self.numbers = {name: values[order] for name, values in self.numbers.items()}
         self.texts = {name: values[order] for name, values in self.texts.items()}
-        self.line = self.line[order]
+        self.line, self.part = self.line[order], self.part[order]
 
 
 def file_sha256(path: Path) -> str:
@@ -199,6 +201,7 @@ def read_table(path: Path, numbers: Mapping[str, tuple[str, float]], texts: Mapp
         texts={name: codes for name, (codes, _) in coded.items()},
         labels={name: labels for name, (_, labels) in coded.items()},
         line=_lines(content.num_rows, broken),
+        part=np.zeros(content.num_rows, dtype=np.int64),
         bad=bad,
         rows_read=content.num_rows + len(broken),
     )
