@@ -26,7 +26,15 @@ from cornerforge.ext.calibrate.decisions import (
     smooth_tracks,
 )
 from cornerforge.ext.calibrate.highd import RecordingMeta, is_companion, read_recording_meta
-from cornerforge.ext.calibrate.layouts import DATA_FORMATS, LAYOUTS, Layout, Scene, matching_layouts, required_columns
+from cornerforge.ext.calibrate.layouts import (
+    DATA_FORMATS,
+    FOREIGN,
+    LAYOUTS,
+    Layout,
+    Scene,
+    matching_layouts,
+    required_columns,
+)
 from cornerforge.ext.calibrate.row_checks import (
     GAP_RANGE,
     LANE_LIMIT,
@@ -215,7 +223,7 @@ def read_rows(path: Path, data_format: str, *, scene: bool = False) -> Rows:
     numbers = {name: column for name, column in layout.numbers.items() if column[0] in header}
     texts = {name: column for name, column in layout.texts.items() if column in header}
     table = read_table(path, numbers, texts)
-    notes += check_rows(table, layout)
+    notes += [*table.notes, *check_rows(table, layout)]
     if table.line.size == 0:
         hint = f" {notes[0]}" if notes else ""
         raise DataError(f"Trajectory file {path} holds no usable row; first fault: {_first_fault(table.bad)}.{hint}")
@@ -254,11 +262,16 @@ def _no_fit(path: Path, header: list[str], known: Sequence[Layout], what: str) -
     def missing(layout: Layout) -> list[str]:
         return [name for name in required_columns(layout) if name not in header]
 
+    foreign = next((one for one in FOREIGN if one.columns <= set(header)), None)
+    if foreign is not None:
+        return DataError(foreign.refusal(path))
     nearest = min(known, key=lambda layout: len(missing(layout)) / len(required_columns(layout)))
+    others = matching_layouts(header)
+    hint = f" It looks like {others[0].name}: --format {others[0].formats[0]}." if others else ""
     return DataError(
         f"Trajectory file {path} does not have the columns of {what}: "
         f"missing {', '.join(missing(nearest))} ({nearest.name} needs {', '.join(required_columns(nearest))}); "
-        f"found {', '.join(header[:20])}."
+        f"found {', '.join(header[:20])}.{hint}"
     )
 
 
@@ -344,8 +357,9 @@ def _tracks(table: Table, layout: Layout) -> Decisions:
 
 
 def _named_leader(table: Table) -> NDArray[np.int64]:
-    """Code, among those of vehicles, of the leader that the row names, shape (n,); -1 where none, or not in the file."""
-    code_of = {label: code for code, label in enumerate(table.labels["vehicle"])}
+    """Code, as of vehicles, of the leader that the row names, shape (n,); -1 where none, or not in the file."""
+    labels = table.labels["vehicle"]
+    code_of = dict(zip(labels, range(len(labels)), strict=True))
     codes = np.array([code_of.get(label, -1) for label in table.labels["leader"]] + [-1], dtype=np.int64)
     return codes[table.texts["leader"]]
 
