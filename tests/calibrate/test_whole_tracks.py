@@ -27,7 +27,7 @@ def rows(
 
 def period(names: str, at: float, speed: float = 20.0) -> list[str]:
     """Traffic in three lanes, and a vehicle that comes by a ramp, lane 4, with few rows there."""
-    a, b, c, d = names
+    a, b, c, d = list(names)
     on_ramp = rows(d, 4, at, 10.0, speed, 2.5)
     after = rows(d, 3, at + 2.6, 10.0 + 2.6 * speed, speed, 7.0)
     return [

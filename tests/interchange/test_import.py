@@ -194,7 +194,7 @@ def test_a_size_that_no_av_has_is_refused_with_the_file(swerve_library: Path, tm
     file = tmp_path / "good" / name
     rows = [line.split(",") for line in file.read_text(encoding="utf-8").splitlines()]
     at = rows[0].index("length_m")
-    rows = [row[:at] + ["1.8"] + row[at + 1 :] if row[2] == "0" else row for row in rows]
+    rows = [[*row[:at], "1.8", *row[at + 1 :]] if row[2] == "0" else row for row in rows]
     file.write_text("".join(",".join(row) + "\n" for row in rows), encoding="utf-8")
     with pytest.raises(DataError, match=r"case-5-0\.csv: An AV of 1\.8 m x 2 m cannot be driven on this road"):
         cornerforge.import_cases(file, out=tmp_path / "in")

@@ -2,8 +2,8 @@
 
 The road is the one that the AV starts on: its lanelet with what goes before and after it, and the lanelets beside that
 which go the same way. It must be straight or a gentle curve (`straightening`). Lanes get one width, the mean. Vehicles
-are the dynamic obstacles with exact states and a rectangle of a vehicle's size; all else stands in the notes, with its line. Kinds of
-lanelets, line markings and permitted users of a lane have no effect here and are not listed.
+are the dynamic obstacles with exact states and a rectangle of a vehicle's size; all else stands in the notes, with its
+line. Kinds of lanelets, line markings and permitted users of a lane have no effect here and are not listed.
 
 Coordinates: x along the road from the foot of the file's origin, or from the AV's start where the origin is more than
 10 km off; y from the right edge of the rightmost lane. The first frame is the AV's first.
