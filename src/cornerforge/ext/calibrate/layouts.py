@@ -18,22 +18,14 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from cornerforge.types import CAR, MOTORCYCLE, TRUCK
 
 __all__ = [
-    "CREDITS",
-    "DATA_FORMATS",
-    "FCD_XML",
-    "FOREIGN",
-    "LAYOUTS",
-    "ForeignLayout",
-    "Layout",
-    "Scene",
-    "matching_layouts",
+    "CREDITS", "DATA_FORMATS", "FCD_XML", "FOREIGN", "LAYOUTS", "ForeignLayout", "Layout", "Scene", "matching_layouts",
     "required_columns",
-]
+]  # fmt: skip
 
 DATA_FORMATS = ("highd", "ngsim", "pairs", "tgsim", "tracks")
 CREDITS = {
@@ -211,16 +203,8 @@ LAYOUTS = (
 """Every layout that can be read; the first with all its columns present is taken."""
 
 
-@dataclass(frozen=True)
-class ForeignLayout:
-    """A layout that is recognised and refused.
-
-    Attributes:
-        name: For messages.
-        units: What its columns are in.
-        lacks: Why no leaders and lanes can be told from it.
-        columns: Columns by which it is recognised, as `read_header` spells them.
-    """
+class ForeignLayout(NamedTuple):
+    """A layout that is refused: its name, its units, what it lacks, and columns by which it is recognised."""
 
     name: str
     units: str
@@ -239,8 +223,8 @@ class ForeignLayout:
 _LANELETS = "positions are in a plane, and lanes are lanelets that end along the road"
 _NO_LANES = "it names no lane and no leader"
 FCD_XML = ForeignLayout(
-    "SUMO's FCD output", "m, m/s, s, degrees", "positions begin anew on each edge", frozenset(
-        ("timestep_time", "vehicle_id", "vehicle_lane", "vehicle_pos"))
+    "SUMO's FCD output", "m, m/s, s, degrees", "positions begin anew on each edge",
+    frozenset(("timestep_time", "vehicle_id", "vehicle_lane", "vehicle_pos")),
 )  # fmt: skip
 FOREIGN = (
     ForeignLayout("exiD", "m, m/s, degrees, frames", _LANELETS, frozenset(("trackid", "xcenter", "laneletid"))),

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from cornerforge._arrow import arrow_fields
 from cornerforge._files import reason, writing
+from cornerforge._schema import parse
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.errors import DataError, FileFormatError, InputError
 from cornerforge.ext.interchange.differences import rates
@@ -194,15 +195,9 @@ def _read_facts(path: Path) -> dict[str, Any]:
     Raises:
         FileFormatError: It is no JSON object.
     """
-    if not path.is_file():
-        return {}
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            _fault(path.name, f"it has more than {_MOST_BYTES >> 20} MB")
-        found = json.loads(path.read_text(encoding="utf-8-sig"))
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, FileFormatError):
-            raise
+        found = parse(path.read_text(encoding="utf-8-sig")) if path.is_file() else {}
+    except ValueError as error:
         _fault(path.name, f"it holds no JSON ({error})")
     if not isinstance(found, dict):
         _fault(path.name, "it holds no JSON object")
