@@ -176,7 +176,7 @@ def test_a_position_that_jumps_is_named_not_smoothed_over(tmp_path: Path) -> Non
     rows = hov_rows()
     rows[180] = broken(rows[180], 2, "300.0")
     reading = read_one(written(tmp_path / "t.csv", HOV_HEADER, rows), "tracks")
-    assert reading.table.bad.reasons == {"y_m jumps (faster than 70 m/s)": (2, 182)}  # into the jump and out of it
+    assert reading.table.bad.reasons == {"y_m jumps (faster than 70 m/s)": (1, 182)}
     np.testing.assert_allclose(reading.decisions.acceleration, -0.4, atol=1e-3)
 
 

@@ -282,7 +282,7 @@ def test_our_checks_and_a_validator_made_by_others_agree() -> None:
         ('{"format": NaN}', "NaN is no number of JSON"),
         ('{"format": 1e999}', "the number 1e999 is too large"),
         ('{"a":' * 100_000, "nested too deeply"),
-        ("\ufeff{}", "BOM"),
+        ("\ufeff{}", 'it has no "format"'),
         ('{"format": ' + "9" * 5000 + "}", "is no case file"),
     ],
 )  # fmt: skip
@@ -291,6 +291,17 @@ def test_what_is_no_case_file_is_refused(text: str, message: str, tmp_path: Path
     path.write_text(text, encoding="utf-8")
     with pytest.raises(FileFormatError, match=message):
         read_case_file(path)
+
+
+def test_a_case_file_with_a_byte_order_mark_is_read_and_utf_16_is_refused(tmp_path: Path) -> None:
+    path = write_case_file(acting_case(), tmp_path / "case.json")
+    text = path.read_text(encoding="utf-8")
+    marked, wide = tmp_path / "marked.json", tmp_path / "wide.json"
+    marked.write_text(text, encoding="utf-8-sig")
+    assert case_text(read_case_file(marked)) == text
+    wide.write_text(text, encoding="utf-16")
+    with pytest.raises(FileFormatError, match="it is no text in UTF-8; save it as such"):
+        read_case_file(wide)
 
 
 def test_half_a_file_bytes_and_no_file(tmp_path: Path) -> None:

@@ -394,6 +394,39 @@ def broken(old: str, new: str, count: int = 1) -> Callable[[str], str]:
     return change
 
 
+def repeated(text: str) -> str:
+    at = text.rindex("<state>", 0, text.index("<time><exact>40<"))
+    end = text.index("</state>", at) + len("</state>")
+    return text[:end] + text[at:end] + text[end:]
+
+
+@pytest.mark.parametrize(
+    ("change", "note"),
+    [
+        (broken("<length>12.0<", "<length>0.0<"), "is left out: its length is 0 m; 0.5 to 30 m can be driven."),
+        (broken("1.9</width>", "19</width>"), "is left out: its width is 19 m; 0.3 to 4 m can be driven."),
+        (
+            broken("<time><exact>40<", "<time><exact>39<"),
+            "is left out: it has two different states at one time step.",
+        ),
+    ],
+)
+def test_an_obstacle_that_cannot_be_does_not_stop_the_file(
+    tmp_path: Path, change: Callable[[str], str], note: str
+) -> None:
+    text = scenario_text(turned_by(0.0))
+    case = read(tmp_path, change(text))
+    assert any(f"dynamicObstacle 3{n} {note}" in one for n in (1, 2) for one in case.notes), case.notes
+    assert len(case.kind) == len(read(tmp_path, text).kind) - 1
+
+
+def test_a_state_given_twice_counts_once(tmp_path: Path) -> None:
+    text = scenario_text(turned_by(0.0))
+    case = read(tmp_path, repeated(text))
+    assert any("has 1 state(s) twice; each counts once." in note for note in case.notes), case.notes
+    np.testing.assert_array_equal(case.poses, read(tmp_path, text).poses)
+
+
 BAD: dict[str, tuple[Callable[[str], str], type[CornerForgeError], str]] = {
     "half a file": (lambda text: text[: len(text) // 2], FileFormatError, "cut off"),
     "empty": (lambda _: "", FileFormatError, "no whole XML file"),
@@ -411,10 +444,8 @@ BAD: dict[str, tuple[Callable[[str], str], type[CornerForgeError], str]] = {
     "NaN": (broken("<velocity><exact>20.0", "<velocity><exact>NaN"), DataError, 'line .*exact is "NaN"'),
     "infinite": (broken("<y>", "<y>1e999"), DataError, "line .*y is"),
     "km/h": (lambda text: text.replace("<exact>22.0<", "<exact>792.0<"), InputError, "792 m/s.*in m/s"),
-    "feet": (broken("1.9</width>", "19</width>"), DataError, "allowed: 0.3 to 4 m"),
     "no step": (broken('timeStepSize="0.1"', 'timeStepSize="0"'), DataError, "timeStepSize"),
     "endless": (broken("<time><exact>40<", "<time><exact>4000000<"), DataError, "allowed: 0 to 6000"),
-    "twice": (broken("<time><exact>40<", "<time><exact>39<"), DataError, "two states at one time step"),
     "two of one id": (broken('dynamicObstacle id="32"', 'dynamicObstacle id="31"'), DataError, "several obstacles"),
     "no orientation": (
         broken("<orientation><exact>0.000000000</exact></orientation>", ""), DataError, "lacks orientation"

@@ -66,9 +66,9 @@ def test_each_case_becomes_a_file_with_its_facts(swerve_library: Path, tmp_path:
     assert (done.cases, done.to) == (len(ids), to)
     there = {path.name for path in (tmp_path / "out").iterdir()} - {"provenance.json"}
     assert there == set(done.files)
-    of_cases = [name for name in done.files if name.startswith("case-")]
+    of_cases = [name for name in done.files if name.startswith("case-") and not name.endswith(".facts.json")]
     assert [name.split(".")[0] for name in of_cases] == [f"case-{case.replace(':', '-')}" for case in ids]
-    text = (tmp_path / "out" / of_cases[0]).read_bytes()
+    text = (tmp_path / "out" / (of_cases[0] if to != "csv" else f"{Path(of_cases[0]).stem}.facts.json")).read_bytes()
     if to == "osi":  # it has no place for facts
         return
     if to == "mcap":
@@ -86,6 +86,13 @@ def test_what_is_written_is_what_is_stored(swerve_library: Path, tmp_path: Path)
         assert back.poses.shape[:2] == stored.x.shape
         np.testing.assert_allclose(back.poses[: len(stored.x), :, 0][there] - back.poses[0, 0, 0],
                                    stored.x[there] - stored.x[0, 0], atol=1e-3)  # fmt: skip
+
+
+def test_a_commonroad_file_names_its_case(swerve_library: Path, tmp_path: Path) -> None:
+    """The numbers of its benchmark id begin at 1, those of cases at 0."""
+    case = ids_of(swerve_library)[0]
+    (file,) = cornerforge.export(swerve_library, [case], to="commonroad", out=tmp_path / "out").files
+    assert f'source="cornerforge; case: {case}; ' in (tmp_path / "out" / file).read_text(encoding="utf-8")
 
 
 def test_the_av_can_be_left_to_the_user(swerve_library: Path, tmp_path: Path) -> None:
@@ -197,4 +204,4 @@ def test_what_was_ended_is_gone_on_with(swerve_library: Path, tmp_path: Path, mo
 def test_json_is_one_object(swerve_library: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", str(swerve_library), "all", "--to", "csv", "--out", str(tmp_path / "a"), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told["cases"] == len(told["files"])
+    assert 2 * told["cases"] == len(told["files"])

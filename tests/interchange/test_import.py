@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from old_tables import with_comments
 
 import cornerforge
 from cornerforge.cli import main
@@ -82,7 +83,7 @@ def test_imported_cases_shrink(there_and_back: tuple[list[str], ImportedCases], 
 def test_a_bad_file_does_not_keep_the_others_out(
     swerve_library: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (good,) = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / "good").files
+    good, _ = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / "good").files
     half = tmp_path / "half.xml"
     half.write_text('<?xml version="1.0"?><commonRoad><location', encoding="utf-8")
     words = ["import", str(half), str(tmp_path / "good" / good), str(tmp_path / "none.xml"), str(tmp_path / "x.txt")]
@@ -104,8 +105,8 @@ def with_head(file: Path, to: Path, head: str) -> Path:
 
 def test_awkward_names_and_facts_are_taken_in(swerve_library: Path, tmp_path: Path) -> None:
     """No case file can hold them as they are."""
-    (name,) = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / "good").files
-    good = tmp_path / "good" / name
+    name, _ = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / "good").files
+    good = with_comments(tmp_path / "good" / name)
     named = with_head(good, tmp_path / "named.csv", "")
     named.write_text(good.read_text().replace('# name: "case-5-0"', f'# name: "_{"n" * 150}"'), encoding="utf-8")
     heads = {"nan": "NaN", "big": "1e305", "long": json.dumps("x" * 12_000), "half": '"\\ud800"'}
@@ -119,8 +120,8 @@ def test_awkward_names_and_facts_are_taken_in(swerve_library: Path, tmp_path: Pa
 
 def test_what_no_case_file_can_hold_is_refused_alone(swerve_library: Path, tmp_path: Path) -> None:
     """It is read and has a road, but a vehicle swings around by 140 m/s."""
-    (name,) = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / "good").files
-    good = tmp_path / "good" / name
+    name, _ = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / "good").files
+    good = with_comments(tmp_path / "good" / name)
     lines = good.read_text(encoding="utf-8").split("\n")
     slot = next(line.split(",")[2] for line in lines if line.startswith("5,0.5,") and not line.startswith("5,0.5,0,"))
     for frame, aside in ((5, 14.0), (6, 28.0), (7, 14.0)):
@@ -159,7 +160,7 @@ def test_the_source_is_told_from_what_is_said_here(
 
 
 def test_a_call_that_was_ended_leaves_its_folder_free(swerve_library: Path, tmp_path: Path) -> None:
-    (name,) = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / "good").files
+    name, _ = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / "good").files
 
     def ctrl_c(stage: str, done: float, total: float) -> None:
         if stage == "cases" and done < total:
@@ -171,7 +172,7 @@ def test_a_call_that_was_ended_leaves_its_folder_free(swerve_library: Path, tmp_
 
 
 def test_bad_input(swerve_library: Path, tmp_path: Path) -> None:
-    (name,) = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / "good").files
+    name, _ = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / "good").files
     file = tmp_path / "good" / name
     with pytest.raises(InputError, match="no file to import"):
         cornerforge.import_cases([], out=tmp_path / "a")
@@ -188,10 +189,21 @@ def test_bad_input(swerve_library: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "a").exists()
 
 
+def test_a_size_that_no_av_has_is_refused_with_the_file(swerve_library: Path, tmp_path: Path) -> None:
+    name, _ = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / "good").files
+    file = tmp_path / "good" / name
+    rows = [line.split(",") for line in file.read_text(encoding="utf-8").splitlines()]
+    at = rows[0].index("length_m")
+    rows = [[*row[:at], "1.8", *row[at + 1 :]] if row[2] == "0" else row for row in rows]
+    file.write_text("".join(",".join(row) + "\n" for row in rows), encoding="utf-8")
+    with pytest.raises(DataError, match=r"case-5-0\.csv: An AV of 1\.8 m x 2 m cannot be driven on this road"):
+        cornerforge.import_cases(file, out=tmp_path / "in")
+
+
 def test_two_files_of_one_name_are_two_cases(swerve_library: Path, tmp_path: Path) -> None:
     files = []
     for number in range(2):
-        (name,) = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / str(number)).files
+        name, _ = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / str(number)).files
         files.append(tmp_path / str(number) / name)
     done = cornerforge.import_cases(files, out=tmp_path / "in", av="idm-mobil")
     assert len({case.case for case in done.cases}) == 2

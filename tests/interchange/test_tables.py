@@ -15,6 +15,7 @@ import pytest
 from crashes_by_hand import LEFT, MIDDLE, RIGHT, Car, Turn, crash, mirrored
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from old_tables import with_comments
 
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, SPEED, X, Y
 from cornerforge.errors import CornerForgeError, DataError, FileFormatError, InputError
@@ -89,13 +90,41 @@ def test_the_file_says_what_its_columns_mean(tmp_path: Path) -> None:
     for ending in ("csv", "parquet"):
         write_table(OutCase("case-1", cut_in(), FACTS), tmp_path / f"t.{ending}")
     schema = pq.read_schema(tmp_path / "t.parquet")
-    comments = [line for line in (tmp_path / "t.csv").read_text().split("\n") if line.startswith("# column")]
-    for column, field, comment in zip(COLUMNS, schema, comments, strict=True):
+    beside = json.loads((tmp_path / "t.facts.json").read_text())
+    for column, field in zip(COLUMNS, schema, strict=True):
         assert field.metadata[b"meaning"].decode() == column.meaning
-        assert comment == f"# column {column.name}{f' [{column.unit}]' if column.unit else ''}: {column.meaning}"
+        assert beside["columns"][column.name] == {"unit": column.unit, "meaning": column.meaning}
     assert json.loads(schema.metadata[b"cornerforge"])["facts"] == FACTS
-    plain = "\n".join(line for line in (tmp_path / "t.csv").read_text().split("\n") if not line.startswith("#"))
-    assert pa_csv.read_csv(pa.py_buffer(plain.encode())).num_rows == cut_in().present.sum()
+    assert beside["facts"] == FACTS
+    read = pa_csv.read_csv(tmp_path / "t.csv")  # as pandas and spreadsheets do: no comment, one head, one table
+    assert (read.num_rows, read.column_names) == (cut_in().present.sum(), [column.name for column in COLUMNS])
+
+
+def test_a_csv_file_with_comments_is_the_same_case(tmp_path: Path) -> None:
+    write_table(OutCase("case-1", cut_in(), FACTS), tmp_path / "t.csv")
+    new, old = read_table(tmp_path / "t.csv"), read_table(with_comments(tmp_path / "t.csv"))
+    assert not (tmp_path / "t.facts.json").exists()
+    assert (new.name, new.facts, new.odd) == (old.name, old.facts, old.odd)
+    np.testing.assert_array_equal(new.poses, old.poses)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, r"t\.csv: the road is not given; t\.facts\.json beside"),
+        ("{", r"t\.facts\.json: it holds no JSON"),
+        ("[]", r"t\.facts\.json: it holds no JSON object"),
+        ("{}", "the road is not given"),
+        ('{"road": {"lanes": 3, "lane_width_m": 4.0}, "facts": []}', "the road is not given"),
+    ],
+)
+def test_facts_that_are_gone_or_damaged_are_one_clear_error(tmp_path: Path, content: str | None, message: str) -> None:
+    write_table(OutCase("case-1", cut_in(), FACTS), tmp_path / "t.csv")
+    (tmp_path / "t.facts.json").unlink()
+    if content is not None:
+        (tmp_path / "t.facts.json").write_text(content, encoding="utf-8")
+    with pytest.raises(FileFormatError, match=message):
+        read_table(tmp_path / "t.csv")
 
 
 def change(old: str, new: str) -> Callable[[str], str]:
@@ -148,6 +177,7 @@ BAD: dict[str, tuple[Callable[[str], str], type[CornerForgeError], str]] = {
 def test_bad_files_are_one_clear_error(tmp_path: Path, name: str) -> None:
     path = tmp_path / "t.csv"
     write_table(OutCase("case-1", cut_in(), FACTS), path)
+    with_comments(path)
     changed, error, message = BAD[name]
     path.write_text(changed(path.read_text()))
     with pytest.raises(error, match=message):
@@ -207,6 +237,7 @@ def test_ten_thousand_vehicles_are_refused(tmp_path: Path) -> None:
 def test_a_damaged_file_is_read_or_refused(tmp_path_factory: pytest.TempPathFactory, at: int, put: str) -> None:
     path = tmp_path_factory.getbasetemp() / "damaged.csv"
     write_table(OutCase("case-1", cut_in(), FACTS), path)
+    with_comments(path)
     text = path.read_text()
     at %= len(text)
     path.write_text(text[:at] + put + text[at + 1 :], encoding="utf-8")

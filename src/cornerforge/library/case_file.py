@@ -216,7 +216,9 @@ def read_case_file(path: Path | str) -> CaseFile:
     if len(content) > MOST_BYTES:
         raise FileFormatError(f"{path} has more than {MOST_BYTES // 1_000_000} MB; no case file is so large.")
     try:
-        parsed = parse(content.decode("utf-8"))
+        parsed = parse(content.decode("utf-8-sig"))
+    except UnicodeDecodeError:
+        raise FileFormatError(f"{path} is no case file: it is no text in UTF-8; save it as such.") from None
     except ValueError as error:
         raise FileFormatError(f"{path} is no case file: {error}.") from None
     _check_kind(parsed, path)

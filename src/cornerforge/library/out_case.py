@@ -200,18 +200,23 @@ def straight_road(
         )
     lanes = max(2, lanes)
     max_speed = min(_MOST_SPEED, max(40.0, 1.25 * fastest))
-    return Odd(
-        name=name,
-        n_lanes=lanes,
-        lane_width=lane_width,
-        vehicle_length=av_size[0],
-        vehicle_width=av_size[1],
-        max_speed=max_speed,
-        test_length=max(400.0, math.ceil(start + max_speed * (seconds + _AFTER_S + 1.0))),
-        time_limit=float(math.ceil(seconds) + _AFTER_S),
-        av_start=0.0,
-        traffic_length=max(50.0, 40.0 * math.ceil(vehicles / lanes)),
-    )
+    try:
+        return Odd(
+            name=name,
+            n_lanes=lanes,
+            lane_width=lane_width,
+            vehicle_length=av_size[0],
+            vehicle_width=av_size[1],
+            max_speed=max_speed,
+            test_length=max(400.0, math.ceil(start + max_speed * (seconds + _AFTER_S + 1.0))),
+            time_limit=float(math.ceil(seconds) + _AFTER_S),
+            av_start=0.0,
+            traffic_length=max(50.0, 40.0 * math.ceil(vehicles / lanes)),
+        )
+    except InputError as error:
+        raise InputError(
+            f"An AV of {av_size[0]:g} m x {av_size[1]:g} m cannot be driven on this road: {error}"
+        ) from None
 
 
 def script_of(case: MovingCase, *, set_speed: float | None = None, seed: int = 0, test: int = 0) -> Script:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import gzip
+import io
 import os
 import re
 import zlib
@@ -18,6 +19,7 @@ import numpy as np
 
 from cornerforge._files import check_regular
 from cornerforge.errors import DataError
+from cornerforge.ext.calibrate.dialects import dialect_of
 
 __all__ = ["RecordingMeta", "is_companion", "read_classes", "read_recording_meta"]
 
@@ -70,7 +72,7 @@ def read_recording_meta(tracks: Path) -> RecordingMeta | None:
     row = next(iter(_read_rows(path)), {})
     text = row.get("frameRate") or ""
     try:
-        rate = float(text)
+        rate = float(text.replace(",", "."))
     except ValueError:
         rate = 0.0
     if not 1.0 <= rate <= 1000.0:
@@ -116,8 +118,12 @@ def _read_rows(path: Path) -> list[dict[str, str]]:
     opened = gzip.open if path.suffix == ".gz" else open
     try:
         check_regular(path)
-        with opened(path, "rt", encoding="utf-8-sig", newline="") as file:
-            return list(csv.DictReader(file))
+        with opened(path, "rb") as file:
+            content = file.read()
+        dialect, _ = dialect_of(content[:65536])
+        encoding = "utf-8" if dialect.encoding == "latin1" else dialect.encoding
+        text = io.StringIO(content.decode(encoding).lstrip("\ufeff"), newline="")
+        return list(csv.DictReader(text, delimiter=dialect.delimiter))
     except (OSError, EOFError, zlib.error, UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"Meta file {path} cannot be read ({error}).") from error
 
@@ -125,6 +131,6 @@ def _read_rows(path: Path) -> list[dict[str, str]]:
 def _markings(text: str | None) -> tuple[float, ...]:
     """Positions across the road, split by ";"; none where one is no number: tracks can be read without."""
     try:
-        return tuple(sorted(float(part) for part in (text or "").split(";") if part.strip()))
+        return tuple(sorted(float(part.replace(",", ".")) for part in (text or "").split(";") if part.strip()))
     except ValueError:
         return ()

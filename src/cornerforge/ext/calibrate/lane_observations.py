@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.ext.calibrate.decisions import smooth_tracks
-from cornerforge.ext.calibrate.readers import Reading, position_along, ticks
+from cornerforge.ext.calibrate.readers import Reading, ticks
 from cornerforge.ext.calibrate.row_checks import MEAN_LENGTH, drivers
+from cornerforge.ext.calibrate.whole_tracks import direction_of_travel, position_along
 from cornerforge.types import METRES_PER_MILE
 
 __all__ = [
@@ -155,7 +156,8 @@ def transitions_of(reading: Reading) -> list[Transition] | None:
     for row, lane in lane_crossings(t, (np.diff(t.vehicle) == 0) & (np.diff(t.tick) == 1)):
         if row < 0 or not np.isfinite(t.speed[row]) or t.lane[row] == lane:
             continue
-        there = np.flatnonzero((t.tick == t.tick[row]) & (t.scene == t.scene[row]) & np.isfinite(t.speed))
+        beside = (t.scene == t.scene[row]) & (t.forward == t.forward[row])
+        there = np.flatnonzero((t.tick == t.tick[row]) & beside & np.isfinite(t.speed))
         there = there[np.isin(t.lane[there], (lane, t.lane[row])) & (there != row)]
         rows = np.concatenate([[row], there])
         found.append(
@@ -173,8 +175,7 @@ def lane_tracks(reading: Reading) -> LaneTracks:
     vehicle = drivers(table)
     tick, per_second = ticks(table, vehicle)
     position, _ = position_along(table, layout)
-    net = np.bincount(vehicle[1:], np.where(np.diff(vehicle) == 0, np.diff(position), 0.0), int(vehicle.max()) + 1)
-    forward = net[vehicle] >= 0.0
+    forward = direction_of_travel(table, position)
     length = table.numbers.get("length", np.full(position.size, MEAN_LENGTH))
     along = np.where(forward, position, -position) - (length / 2.0 if layout.front else 0.0)
     keep = np.concatenate([[True], (np.diff(vehicle) != 0) | (np.diff(tick) > 0)])
@@ -213,8 +214,9 @@ def _gaps_at(t: LaneTracks, row: int, lane: int) -> tuple[float, float, float, f
     """Return speed, lead gap, lead rate, rear gap, rear rate of a row's vehicle in another lane at that row's time."""
     if row < 0 or not np.isfinite(t.speed[row]):
         return (np.nan,) * 5
-    at = np.flatnonzero((t.tick == t.tick[row]) & (t.scene == t.scene[row]))
-    stretch = t.along[(t.scene == t.scene[row]) & (t.forward == t.forward[row])]
+    beside = (t.scene == t.scene[row]) & (t.forward == t.forward[row])
+    at = np.flatnonzero((t.tick == t.tick[row]) & beside)
+    stretch = t.along[beside]
     others = at[(t.lane[at] == lane) & (at != row)]
     found = [float(t.speed[row])]
     for side, end in ((1.0, stretch.max() - t.along[row]), (-1.0, t.along[row] - stretch.min())):

@@ -8,18 +8,24 @@
 | `tgsim` | FHWA's Third Generation Simulation CSVs (`xloc-kf`, `yloc-kf`, `lane-kf`, ...), also with underscores |
 | `highd` | highD's `XX_tracks.csv`; a `XX_recordingMeta.csv` beside it gives the frame rate (25 a second without) |
 
-Column names are compared in small letters, with `_` for hyphens and blanks.
+Column names are compared in small letters, with `_` for hyphens and blanks. Text may be UTF-8 or UTF-16, with commas,
+semicolons or tabs between fields, and commas in numbers (`dialects`). `FOREIGN` lists the layouts that are recognised
+and refused.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from pathlib import Path
+from typing import Literal, NamedTuple
 
 from cornerforge.types import CAR, MOTORCYCLE, TRUCK
 
-__all__ = ["CREDITS", "DATA_FORMATS", "LAYOUTS", "Layout", "Scene", "matching_layouts", "required_columns"]
+__all__ = [
+    "CREDITS", "DATA_FORMATS", "FCD_XML", "FOREIGN", "LAYOUTS", "ForeignLayout", "Layout", "Scene", "matching_layouts",
+    "required_columns",
+]  # fmt: skip
 
 DATA_FORMATS = ("highd", "ngsim", "pairs", "tgsim", "tracks")
 CREDITS = {
@@ -195,6 +201,44 @@ LAYOUTS = (
     ),
 )
 """Every layout that can be read; the first with all its columns present is taken."""
+
+
+class ForeignLayout(NamedTuple):
+    """A layout that is refused: its name, its units, what it lacks, and columns by which it is recognised."""
+
+    name: str
+    units: str
+    lacks: str
+    columns: frozenset[str]
+
+    def refusal(self, path: Path) -> str:
+        """Say what the file is, what it lacks, and what to write instead."""
+        return (
+            f"Trajectory file {path} looks like {self.name} ({self.units}), which is not read: {self.lacks}. Write its "
+            "vehicles as tracks with lanes: columns veh_id, t_s [s], lane (numbered side by side), s_m (of the centre, "
+            "along the road) [m], length_m [m]; for cases also d_m (across, to the left) [m] and width_m [m]."
+        )
+
+
+_LANELETS = "positions are in a plane, and lanes are lanelets that end along the road"
+_NO_LANES = "it names no lane and no leader"
+FCD_XML = ForeignLayout(
+    "SUMO's FCD output", "m, m/s, s, degrees", "positions begin anew on each edge",
+    frozenset(("timestep_time", "vehicle_id", "vehicle_lane", "vehicle_pos")),
+)  # fmt: skip
+FOREIGN = (
+    ForeignLayout("exiD", "m, m/s, degrees, frames", _LANELETS, frozenset(("trackid", "xcenter", "laneletid"))),
+    ForeignLayout(
+        "inD, rounD or uniD", "m, m/s, degrees, frames", _NO_LANES, frozenset(("trackid", "xcenter", "heading"))
+    ),
+    ForeignLayout("INTERACTION", "m, m/s, rad, ms", _NO_LANES, frozenset(("track_id", "timestamp_ms", "x", "y"))),
+    ForeignLayout(
+        "pNEUMA", "degrees of latitude and longitude, km/h, s; a row for each vehicle", _NO_LANES,
+        frozenset(("track_id", "traveled_d", "avg_speed", "lat")),
+    ),
+    FCD_XML,
+)  # fmt: skip
+"""Layouts that are recognised and refused; the first whose columns are all there is named."""
 
 
 def required_columns(layout: Layout) -> list[str]:

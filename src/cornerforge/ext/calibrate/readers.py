@@ -26,28 +26,32 @@ from cornerforge.ext.calibrate.decisions import (
     smooth_tracks,
 )
 from cornerforge.ext.calibrate.highd import RecordingMeta, is_companion, read_recording_meta
-from cornerforge.ext.calibrate.layouts import DATA_FORMATS, LAYOUTS, Layout, Scene, matching_layouts, required_columns
+from cornerforge.ext.calibrate.layouts import (
+    DATA_FORMATS,
+    FOREIGN,
+    LAYOUTS,
+    Layout,
+    Scene,
+    matching_layouts,
+    required_columns,
+)
 from cornerforge.ext.calibrate.row_checks import (
     GAP_RANGE,
     LANE_LIMIT,
     MEAN_LENGTH,
-    SPEED_RANGE,
     check_rows,
     drivers,
-    speed_note,
     time_step,
 )
 from cornerforge.ext.calibrate.tables import BadRows, Table, file_sha256, read_header, read_table
+from cornerforge.ext.calibrate.whole_tracks import cut_tracks, direction_of_travel, position_along
 from cornerforge.ndd.model import GAPS
 
 __all__ = [
     "GAP_RANGE",
     "Reading",
     "Rows",
-    "direction_of_travel",
     "guess_format",
-    "jumps",
-    "position_along",
     "read_decisions",
     "read_rows",
     "reading_names",
@@ -219,10 +223,11 @@ def read_rows(path: Path, data_format: str, *, scene: bool = False) -> Rows:
     numbers = {name: column for name, column in layout.numbers.items() if column[0] in header}
     texts = {name: column for name, column in layout.texts.items() if column in header}
     table = read_table(path, numbers, texts)
-    notes += check_rows(table, layout)
+    notes += [*table.notes, *check_rows(table, layout)]
     if table.line.size == 0:
         hint = f" {notes[0]}" if notes else ""
         raise DataError(f"Trajectory file {path} holds no usable row; first fault: {_first_fault(table.bad)}.{hint}")
+    notes += cut_tracks(table, layout)
     return Rows(layout, table, notes, meta)
 
 
@@ -238,7 +243,7 @@ def _read(path: Path, data_format: str, window_factor: float) -> Reading:
     layout = replace(rows.layout, window=rows.layout.window * window_factor)
     table, notes = replace(rows.table), rows.notes
     vehicles = int(drivers(table).max()) + 1
-    decisions = _pairs(table, layout) if layout.kind == "pairs" else _tracks(table, layout, notes)
+    decisions = _pairs(table, layout) if layout.kind == "pairs" else _tracks(table, layout)
     return Reading(path, file_sha256(path), layout, decisions, rows.table, vehicles, tuple(notes))
 
 
@@ -257,11 +262,16 @@ def _no_fit(path: Path, header: list[str], known: Sequence[Layout], what: str) -
     def missing(layout: Layout) -> list[str]:
         return [name for name in required_columns(layout) if name not in header]
 
+    foreign = next((one for one in FOREIGN if one.columns <= set(header)), None)
+    if foreign is not None:
+        return DataError(foreign.refusal(path))
     nearest = min(known, key=lambda layout: len(missing(layout)) / len(required_columns(layout)))
+    others = matching_layouts(header)
+    hint = f" It looks like {others[0].name}: --format {others[0].formats[0]}." if others else ""
     return DataError(
         f"Trajectory file {path} does not have the columns of {what}: "
         f"missing {', '.join(missing(nearest))} ({nearest.name} needs {', '.join(required_columns(nearest))}); "
-        f"found {', '.join(header[:20])}."
+        f"found {', '.join(header[:20])}.{hint}"
     )
 
 
@@ -314,25 +324,20 @@ def _pairs(table: Table, layout: Layout) -> Decisions:
     return decide_each_second(states, tick, np.zeros_like(driver), np.ones(speed.size, dtype=bool), per_second)
 
 
-def _tracks(table: Table, layout: Layout, notes: list[str]) -> Decisions:
-    """Decisions from tracks: smooth, find the leader, take the gap between bumpers; adds to `notes`."""
+def _tracks(table: Table, layout: Layout) -> Decisions:
+    """Decisions from tracks: smooth, find the leader, take the gap between bumpers."""
     driver = drivers(table)
     along, _ = position_along(table, layout)
-    along = np.where(direction_of_travel(table, driver, along), along, -along)
-    same = np.diff(driver) == 0
-    unsmoothed = np.diff(along)[same] / np.diff(table.numbers["time"])[same]
-    notes += speed_note(table.name, layout.numbers["position"][0], unsmoothed)
-    jump = jumps(table, along)
-    table.drop(f"{layout.numbers['position'][0]} jumps (faster than {SPEED_RANGE[1]:g} m/s)", jump)
-    along, driver = along[~jump], drivers(table)
+    forward = direction_of_travel(table, along)
+    along = np.where(forward, along, -along)
     tick, per_second = ticks(table, driver)
     position, speed = smooth_tracks(driver, tick, along, 1.0 / per_second, layout.window)
     length = table.numbers.get("length", np.full(speed.size, MEAN_LENGTH))
     if layout.kind == "leaders":
-        leader = leader_by_name(driver, tick, _leader_driver(table, driver))
-        partner = np.where(leader >= 0, table.texts["leader"], -1)
+        leader = leader_by_name(table.texts["vehicle"], tick, _named_leader(table))
+        partner = np.where(leader >= 0, driver[leader], -1)
     else:
-        leader, partner = _leader_in_lane(table, driver, tick, along)
+        leader, partner = _leader_in_lane(table, driver, tick, along, forward)
     between = length[leader] if layout.front else (length[leader] + length) / 2.0
     alone = partner == _FREE
     gap = np.where(alone, np.inf, position[leader] - position - between)
@@ -351,51 +356,21 @@ def _tracks(table: Table, layout: Layout, notes: list[str]) -> Decisions:
     return decide_each_second(states, tick, partner, usable, per_second)
 
 
-def jumps(table: Table, along: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell which rows a vehicle cannot have reached from its previous row, shape (n,): smoothing would hide them."""
-    driver = drivers(table)
-    jump = np.zeros(along.size, dtype=bool)
-    same = np.diff(driver) == 0
-    jump[1:] = same & (np.abs(np.diff(along)) > SPEED_RANGE[1] * np.diff(table.numbers["time"]))
-    return jump
-
-
-def position_along(table: Table, layout: Layout) -> tuple[NDArray[np.float64], bool]:
-    """Return the position on the longer axis [m], shape (n,), and whether that is the one called `across`."""
-    position = table.numbers["position"]
-    if layout.corner:
-        position = position + table.numbers["length"] / 2.0
-    across = table.numbers.get("across", position)
-    swapped = bool(np.ptp(across) > np.ptp(position))
-    return (across if swapped else position), swapped
-
-
-def direction_of_travel(table: Table, driver: NDArray[np.int64], position: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Mark rows in lanes with traffic towards growing positions, bool (n,); all rows where the file has no lanes."""
-    if "lane" not in table.numbers:
-        return np.ones(position.size, dtype=np.bool_)
-    lane = np.unique(table.numbers["lane"], return_inverse=True)[1].reshape(-1)
-    moved = np.where(np.diff(driver) == 0, np.diff(position), 0.0)
-    forward = np.bincount(lane[1:], weights=moved, minlength=int(lane.max()) + 1) >= 0.0
-    return np.asarray(forward[lane])
-
-
-def _leader_driver(table: Table, driver: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Number of the driver that the row names as leader, shape (n,); -1 where none, or not in the file."""
+def _named_leader(table: Table) -> NDArray[np.int64]:
+    """Code, as of vehicles, of the leader that the row names, shape (n,); -1 where none, or not in the file."""
     labels = table.labels["vehicle"]
-    number = np.full(len(labels), -1, dtype=np.int64)
-    number[table.texts["vehicle"]] = driver
-    number_of = dict(zip(labels, number.tolist(), strict=True))
-    named = np.array([number_of.get(label, -1) for label in table.labels["leader"]] + [-1], dtype=np.int64)
-    return named[table.texts["leader"]]
+    code_of = dict(zip(labels, range(len(labels)), strict=True))
+    codes = np.array([code_of.get(label, -1) for label in table.labels["leader"]] + [-1], dtype=np.int64)
+    return codes[table.texts["leader"]]
 
 
 def _leader_in_lane(
-    table: Table, driver: NDArray[np.int64], tick: NDArray[np.int64], along: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    table: Table, driver: NDArray[np.int64], tick: NDArray[np.int64], along: NDArray[np.float64],
+    forward: NDArray[np.bool_],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # fmt: skip
     """Return the leader's row (-1: none) and the partner: leader and lane as one number, `_FREE`, or -1 (not known)."""
     lane = np.rint(table.numbers["lane"]).astype(np.int64)
-    recording = table.texts.get("recording", np.zeros_like(driver))
+    recording = 2 * table.texts.get("recording", np.zeros_like(driver)) + forward
     leader = leader_by_lane(recording, lane, tick, along)
     end = np.full(int(recording.max()) + 1, -np.inf)
     np.maximum.at(end, recording, along)

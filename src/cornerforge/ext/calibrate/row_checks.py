@@ -88,10 +88,11 @@ def _check_ranges(table: Table, layout: Layout) -> None:
 
 
 def drivers(table: Table) -> Ints:
-    """A number for each vehicle of each recording (and leader, in pairs), shape (n,)."""
+    """A number for each vehicle of each recording (and leader, in pairs; and part of a track), shape (n,)."""
     codes = [table.texts[name] for name in ("recording", "vehicle") if name in table.texts]
     if "lead_speed" in table.numbers:
         codes.append(table.texts["leader"])
+    codes.append(table.part)
     number = np.zeros(table.line.size, dtype=np.int64)
     for column in codes:
         number = number * (int(column.max(initial=0)) + 1) + column

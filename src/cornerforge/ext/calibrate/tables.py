@@ -17,6 +17,8 @@ import pyarrow.csv
 from numpy.typing import NDArray
 
 from cornerforge.errors import DataError
+from cornerforge.ext.calibrate.dialects import Dialect, dialect_of, number_form
+from cornerforge.ext.calibrate.layouts import FCD_XML
 
 __all__ = ["BadRows", "Table", "file_sha256", "read_header", "read_table"]
 
@@ -57,8 +59,10 @@ class Table:
         numbers: Columns of numbers; NaN where the file has none.
         texts: Columns of names, coded 0, 1, ... in order of the sorted names; -1 where empty.
         line: The row's line in the file, shape (n,).
+        part: Number of the part of its track, rising along the rows, shape (n,); all 0 where tracks are whole.
         bad: The rows left out so far.
         rows_read: Rows in the file, the bad ones too.
+        notes: How its numbers were read, where that is not plain.
     """
 
     name: str
@@ -66,8 +70,10 @@ class Table:
     texts: dict[str, NDArray[np.int64]]
     labels: dict[str, list[str]]
     line: NDArray[np.int64]
+    part: NDArray[np.int64]
     bad: BadRows
     rows_read: int
+    notes: list[str]
 
     def drop(self, reason: str, mask: NDArray[np.bool_]) -> None:
         """Take out the rows where `mask`, shape (n,), is true."""
@@ -79,7 +85,7 @@ class Table:
         """Keep these rows, in this order."""
         self.numbers = {name: values[order] for name, values in self.numbers.items()}
         self.texts = {name: values[order] for name, values in self.texts.items()}
-        self.line = self.line[order]
+        self.line, self.part = self.line[order], self.part[order]
 
 
 def file_sha256(path: Path) -> str:
@@ -90,7 +96,7 @@ def file_sha256(path: Path) -> str:
 
 def _simple(name: str) -> str:
     """Unify a column name: names differ in case and hyphens between releases of the same data."""
-    return name.strip().strip('"').lstrip("\ufeff").lower().replace("-", "_").replace(" ", "_")
+    return name.strip().strip('"').lower().replace("-", "_").replace(" ", "_")
 
 
 def _is_number(text: str) -> bool:
@@ -108,6 +114,11 @@ def read_header(path: Path) -> list[str]:
     Raises:
         DataError: The file is missing, empty, or not readable.
     """
+    return _header(path)[0]
+
+
+def _header(path: Path) -> tuple[list[str], Dialect]:
+    """Return column names, and how the file is written."""
     if not path.is_file():
         is_folder = path.is_dir()
         raise DataError(f"{path} is a folder; name the files in it." if is_folder else f"No trajectory file {path}.")
@@ -116,16 +127,21 @@ def read_header(path: Path) -> list[str]:
             head = stream.read(65536)
     except OSError as error:
         raise _unreadable(path, error) from error
-    line = head.split(b"\n", 1)[0].strip()
+    dialect, line = dialect_of(head)
     if not line:
         raise DataError(f"Trajectory file {path} is empty.")
-    text = line.decode("utf-8", errors="replace")
-    words = text.replace(",", " ").split()
+    if line.startswith("<"):
+        is_fcd = b"fcd-export" in head.replace(b"\0", b"")
+        raise DataError(
+            FCD_XML.refusal(path) if is_fcd else f"Trajectory file {path} is XML; trajectories are read from tables."
+        )
+    names = dialect.split(line)
+    words = [word for name in names for word in name.replace(",", " ").split()]
     if words and all(_is_number(word) for word in words):
         raise DataError(
             f"Trajectory file {path} begins with numbers; line 1 must name the columns, with commas between them."
         )
-    return [_simple(name) for name in text.split(",")]
+    return [_simple(name) for name in names], dialect
 
 
 def _unreadable(path: Path, error: Exception) -> DataError:
@@ -165,7 +181,7 @@ def read_table(path: Path, numbers: Mapping[str, tuple[str, float]], texts: Mapp
     Raises:
         DataError: The file is empty, cut off or no CSV.
     """
-    header = read_header(path)
+    header, dialect = _header(path)
     wanted = [column for column, _ in numbers.values()] + list(texts.values())
     twice = sorted({column for column in wanted if header.count(column) > 1})
     if twice:
@@ -176,31 +192,38 @@ def read_table(path: Path, numbers: Mapping[str, tuple[str, float]], texts: Mapp
         broken.append(int(row.number))
         return "skip"
 
-    try:  # Latin-1 takes any byte: a damaged one spoils its row, not the file
+    try:
         with _opened(path) as stream:
             content = pa.csv.read_csv(
                 stream,
-                read_options=pa.csv.ReadOptions(column_names=header, skip_rows=1, use_threads=False, encoding="latin1"),
-                parse_options=pa.csv.ParseOptions(invalid_row_handler=note, ignore_empty_lines=False),
+                read_options=pa.csv.ReadOptions(
+                    column_names=header, skip_rows=1, use_threads=False, encoding=dialect.encoding
+                ),
+                parse_options=pa.csv.ParseOptions(
+                    delimiter=dialect.delimiter, invalid_row_handler=note, ignore_empty_lines=False
+                ),
                 convert_options=pa.csv.ConvertOptions(
                     include_columns=wanted, column_types=dict.fromkeys(wanted, pa.string()), strings_can_be_null=False
                 ),
             )
-    except (pa.ArrowInvalid, OSError) as error:
+    except (pa.ArrowInvalid, OSError, UnicodeDecodeError) as error:
         raise _unreadable(path, error) from error
     if content.num_rows == 0:
         raise DataError(f"Trajectory file {path} holds no rows.")
     bad = BadRows()
     bad.add("wrong number of fields", broken)
+    form = number_form([content[column] for column, _ in numbers.values()], dialect)
     coded = {name: _codes(content[column]) for name, column in texts.items()}
     return Table(
         name=path.name,
-        numbers={name: _floats(content[column]) * factor for name, (column, factor) in numbers.items()},
+        numbers={name: _floats(form.plain(content[column])) * factor for name, (column, factor) in numbers.items()},
         texts={name: codes for name, (codes, _) in coded.items()},
         labels={name: labels for name, (_, labels) in coded.items()},
         line=_lines(content.num_rows, broken),
+        part=np.zeros(content.num_rows, dtype=np.int64),
         bad=bad,
         rows_read=content.num_rows + len(broken),
+        notes=form.notes(path.name),
     )
 
 

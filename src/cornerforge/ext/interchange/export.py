@@ -103,7 +103,7 @@ class CaseWriter:
         else:
             from cornerforge.ext.interchange.tables import write_table
 
-            write_table(case, folder / name)
+            return write_table(case, folder / name)
         return (name,)
 
 

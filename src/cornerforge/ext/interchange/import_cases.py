@@ -109,7 +109,8 @@ def import_cases(options: ImportCases) -> ImportedCases:
         try:
             case, file = _read(path, options, {case.name for case in cases})
         except CornerForgeError as error:
-            refused.append(Refused(source=str(path), why=str(error)))
+            why = str(error) if path.name in str(error) else f"{path}: {error}"
+            refused.append(Refused(source=str(path), why=why))
             continue
         sources.append(path)
         cases.append(case)

@@ -2,8 +2,8 @@
 
 The road is the one that the AV starts on: its lanelet with what goes before and after it, and the lanelets beside that
 which go the same way. It must be straight or a gentle curve (`straightening`). Lanes get one width, the mean. Vehicles
-are the dynamic obstacles with exact states and a rectangle; all else stands in the notes, with its line. Kinds of
-lanelets, line markings and permitted users of a lane have no effect here and are not listed.
+are the dynamic obstacles with exact states and a rectangle of a vehicle's size; all else stands in the notes, with its
+line. Kinds of lanelets, line markings and permitted users of a lane have no effect here and are not listed.
 
 Coordinates: x along the road from the foot of the file's origin, or from the AV's start where the origin is more than
 10 km off; y from the right edge of the rightmost lane. The first frame is the AV's first.
@@ -38,6 +38,8 @@ _KINDS = {
 _AS_THEY_ARE = ("car", "truck", "motorcycle")
 _SIZE = (5.0, 2.0)
 """Length and width [m] of our cars, for an AV of which the file gives only the start."""
+_SIZES = {"length": (0.5, 30.0), "width": (0.3, 4.0)}
+"""Sizes of vehicles that are read [m]."""
 _SAME_PLACE = 0.1
 """An obstacle that starts this near to the planning problem [m] is the AV, recorded."""
 _FARTHEST = 1e7
@@ -187,7 +189,8 @@ def _read_tracks(root: Element, most_steps: float, notes: _Notes) -> list[_Track
     for element in root.all("dynamicObstacle"):
         why_not = _unusable(element)
         if why_not is None:
-            tracks.append(_read_track(element, int(most_steps), notes))
+            track = _read_track(element, int(most_steps), notes)
+            tracks += [] if track is None else [track]
         else:
             notes.say(why_not[0], f"{_named(element)} is left out: {why_not[1]}.")
     seen: set[int] = set()
@@ -206,6 +209,11 @@ def _unusable(element: Element) -> tuple[Element, str] | None:
     shape = element.need("shape")
     if [part.tag for part in shape.children] != ["rectangle"]:
         return shape, "its shape is not one rectangle"
+    for name, (low, high) in _SIZES.items():
+        side = shape.need("rectangle", name)
+        meters = side.number(None)
+        if not low <= meters <= high:
+            return side, f"its {name} is {meters:g} m; {low:g} to {high:g} m can be driven"
     cloud = element.child("occupancySet")
     if cloud is not None:
         return cloud, "where it may be is a set of places, not a trajectory"
@@ -223,19 +231,28 @@ def _states_of(element: Element) -> list[Element]:
     return [element.need("initialState"), *later]
 
 
-def _read_track(element: Element, most_steps: int, notes: _Notes) -> _Track:
-    """Read an obstacle with exact states; the rectangle's own offset and turn are applied."""
+def _read_track(element: Element, most_steps: int, notes: _Notes) -> _Track | None:
+    """Read an obstacle with exact states; the rectangle's own offset and turn are applied.
+
+    Returns:
+        None, with a note, for one that is in two states at once.
+    """
     kind = element.need("type")
     if kind.text not in _AS_THEY_ARE:
         like = {CAR: "car", TRUCK: "truck", MOTORCYCLE: "motorcycle"}[_KINDS[kind.text]]
         notes.say(kind, f'{_named(element)} is "{kind.text}"; it is taken as a {like} of its size.')
     box = element.need("shape", "rectangle")
-    length = box.need("length").number(None, low=0.5, high=30.0, unit="m")
-    width = box.need("width").number(None, low=0.3, high=4.0, unit="m")
+    length, width = (box.need(name).number(None) for name in _SIZES)
     states = np.array([_read_state(state, most_steps) for state in _states_of(element)])
     states = states[np.argsort(states[:, 0], kind="stable")]
-    if (np.diff(states[:, 0]) == 0).any():
-        element.fault(f"{_named(element)} has two states at one time step")
+    again = np.concatenate([[False], np.diff(states[:, 0]) == 0])
+    if again.any():
+        before, after = np.nan_to_num(states[:-1][again[1:]]), np.nan_to_num(states[again])
+        if not np.array_equal(before, after):
+            notes.say(element, f"{_named(element)} is left out: it has two different states at one time step.")
+            return None
+        notes.say(element, f"{_named(element)} has {again.sum()} state(s) twice; each counts once.")
+        states = states[~again]
     center = box.child("center")
     if center is not None:
         ahead, left = _point(center)

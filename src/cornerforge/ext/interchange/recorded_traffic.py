@@ -27,16 +27,14 @@ from cornerforge.ext.calibrate.highd import RecordingMeta, read_classes
 from cornerforge.ext.calibrate.layouts import CREDITS, DATA_FORMATS, Layout, Scene
 from cornerforge.ext.calibrate.readers import (
     Rows,
-    direction_of_travel,
     guess_format,
-    jumps,
-    position_along,
     read_rows,
     ticks,
     with_tracks,
 )
-from cornerforge.ext.calibrate.row_checks import MEAN_LENGTH, SPEED_RANGE, drivers
+from cornerforge.ext.calibrate.row_checks import MEAN_LENGTH, drivers
 from cornerforge.ext.calibrate.tables import Table, file_sha256
+from cornerforge.ext.calibrate.whole_tracks import direction_of_travel, position_along
 from cornerforge.ext.interchange.differences import rates
 from cornerforge.types import CAR, CLASSES, FRAME_S, MAX_LANES, MOTORCYCLE, TRUCK
 
@@ -211,9 +209,6 @@ def _read_file(path: Path, data_format: str) -> list[Traffic]:
             "are made of files that do: highD, official NGSIM, TGSIM, or tracks with lanes and d_m."
         )
     forward, along, left = _directed(table, layout, scene)
-    jump = jumps(table, along)
-    table.drop(f"{layout.numbers['position'][0]} jumps (faster than {SPEED_RANGE[1]:g} m/s)", jump)
-    forward, along, left = forward[~jump], along[~jump], left[~jump]
     driver = drivers(table)
     tick, per_second = ticks(table, driver)
     if per_second < _LEAST_ROWS_A_SECOND:
@@ -268,7 +263,7 @@ def _check_room(path: Path, table: Table, road: Ints, tick: Ints, along: Floats)
 def _directed(table: Table, layout: Layout, scene: Scene) -> tuple[Bools, Floats, Floats]:
     """Return which rows drive forward, the centre's position in the direction of travel, and across it, to the left."""
     position, swapped = position_along(table, layout)
-    forward = direction_of_travel(table, drivers(table), position)
+    forward = direction_of_travel(table, position)
     way = np.where(forward, 1.0, -1.0)
     if swapped:  # a quarter turn: along the road becomes across it
         left = -scene.left * way * table.numbers["position"]

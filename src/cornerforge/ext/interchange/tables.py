@@ -1,8 +1,9 @@
 """Cases as plain tables, .csv or .parquet: one row for each vehicle and tenth of a second.
 
-What each column means stands in the file: CSV files begin with comments (`# ...`), one for the road, one for each fact
-and one for each column; Parquet files have them as metadata of the table (`cornerforge`, a JSON object) and of the
-columns (`unit`, `meaning`). CSV has six decimals, Parquet double precision.
+Parquet files hold road, facts and the meaning of columns as metadata of the table (`cornerforge`, a JSON object) and of
+the columns (`unit`, `meaning`). A CSV file NAME.csv holds the table alone; the rest is in NAME.facts.json beside it.
+CSV files that begin with comments instead (`# road: ...`), as earlier versions wrote, are read too. CSV has six
+decimals, Parquet double precision.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 
 from cornerforge._arrow import arrow_fields
 from cornerforge._files import reason, writing
+from cornerforge._schema import parse
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.errors import DataError, FileFormatError, InputError
 from cornerforge.ext.interchange.differences import rates
@@ -67,8 +69,8 @@ _POSES = {
 }  # fmt: skip
 
 
-def write_table(case: OutCase, path: Path) -> None:
-    """Write a case as a table.
+def write_table(case: OutCase, path: Path) -> tuple[str, ...]:
+    """Write a case as a table; returns the names of the files.
 
     Args:
         case: The case.
@@ -78,14 +80,28 @@ def write_table(case: OutCase, path: Path) -> None:
         InputError: Another ending.
         OutputError: The file cannot be written.
     """
-    write = {".csv": _write_csv, ".parquet": _write_parquet}.get(path.suffix)
-    if write is None:
+    if path.suffix not in (".csv", ".parquet"):
         raise InputError(f"{path.name}: a table ends in .csv or .parquet.")
     road = {"lanes": case.scenario.odd.n_lanes, "lane_width_m": case.scenario.odd.lane_width}
     about = {"version": _VERSION, "name": case.name, "road": road, "facts": dict(case.facts)}
     columns = _columns_of(case.scenario)
+    beside = _facts_file(path)
+    if path.suffix == ".csv":
+        about["columns"] = {c.name: {"unit": c.unit, "meaning": c.meaning} for c in COLUMNS}
+        with writing(beside, "the facts of the table") as part:
+            part.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
     with writing(path, "the table") as part:
-        write(part, columns, about)
+        if path.suffix == ".parquet":
+            _write_parquet(part, columns, about)
+        else:
+            rows = "".join([_ROW % row for row in zip(*columns.values(), strict=True)])
+            part.write_bytes((",".join(columns) + "\n" + rows).encode())
+    return (path.name, beside.name) if path.suffix == ".csv" else (path.name,)
+
+
+def _facts_file(path: Path) -> Path:
+    """Name the file beside a CSV file."""
+    return path.with_name(f"{path.stem}.facts.json")
 
 
 def _columns_of(scenario: Scenario) -> dict[str, list[Any]]:
@@ -105,16 +121,6 @@ def _columns_of(scenario: Scenario) -> dict[str, list[Any]]:
     return columns
 
 
-def _write_csv(part: Path, columns: dict[str, list[Any]], about: dict[str, Any]) -> None:
-    head = [f"# {_MARK}: {json.dumps(about['version'])}", f"# name: {json.dumps(about['name'])}"]
-    head.append(f"# road: {json.dumps(about['road'])}")
-    head += [f"# fact {json.dumps(name)}: {json.dumps(value)}" for name, value in about["facts"].items()]
-    head += [f"# column {c.name}{f' [{c.unit}]' if c.unit else ''}: {c.meaning}" for c in COLUMNS]
-    head.append(",".join(columns))
-    rows = "".join([_ROW % row for row in zip(*columns.values(), strict=True)])
-    part.write_bytes(("\n".join(head) + "\n" + rows).encode())
-
-
 def _write_parquet(part: Path, columns: dict[str, list[Any]], about: dict[str, Any]) -> None:
     schema = pa.schema(arrow_fields(COLUMNS), metadata={_KEY: json.dumps(about)})
     with part.open("wb") as file:  # Arrow takes a path like run-10:30 for an address
@@ -122,7 +128,7 @@ def _write_parquet(part: Path, columns: dict[str, list[Any]], about: dict[str, A
 
 
 def read_table(path: Path) -> MovingCase:
-    """Read a table that `write_table` wrote, or one of the same columns with the same comments or metadata.
+    """Read a table that `write_table` wrote, or one of the same columns with the same facts beside it or within.
 
     Lateral speeds are differences of `y_m`. The case's frames are those of slot 0, the AV. If slot 0 has a single row,
     its motion is unknown, and all frames are read.
@@ -157,7 +163,7 @@ def _read_csv(path: Path) -> tuple[pa.Table, dict[str, Any]]:
         raise FileFormatError(f"{path.name} is no text in UTF-8 ({error.reason}); save it as such.") from None
     comments = next((at for at, line in enumerate(lines) if not line.startswith("#")), len(lines))
     facts: dict[str, Any] = {}
-    about: dict[str, Any] = {"facts": facts}
+    about: dict[str, Any] = {"facts": facts} if comments else _read_facts(_facts_file(path))
     for number, line in enumerate(lines[:comments], 1):
         found = re.fullmatch(r'# (cornerforge case|name|road|fact ("(?:[^"\\]|\\.)*")): (.*?)\r?', line)
         if found is None:
@@ -181,6 +187,21 @@ def _read_csv(path: Path) -> tuple[pa.Table, dict[str, Any]]:
     except pa.ArrowInvalid as error:
         _fault(path.name, f"below line {comments} it is no such table: {str(error).splitlines()[0][:200]}")
     return table, about
+
+
+def _read_facts(path: Path) -> dict[str, Any]:
+    """Read the file beside a CSV file; {} where there is none.
+
+    Raises:
+        FileFormatError: It is no JSON object.
+    """
+    try:
+        found = parse(path.read_text(encoding="utf-8-sig")) if path.is_file() else {}
+    except ValueError as error:
+        _fault(path.name, f"it holds no JSON ({error})")
+    if not isinstance(found, dict):
+        _fault(path.name, "it holds no JSON object")
+    return found
 
 
 def _read_parquet(path: Path) -> tuple[pa.Table, dict[str, Any]]:
@@ -302,7 +323,11 @@ def _road_of(name: str, about: dict[str, Any]) -> tuple[int, float]:
     if about.get("version", _VERSION) != _VERSION:
         _fault(name, f"it is of version {about['version']!r}; {_VERSION} is read. Install a newer cornerforge")
     if not isinstance(road, dict) or not isinstance(about.get("facts", {}), dict):
-        _fault(name, 'the road is not given; a CSV file has a line like # road: {"lanes": 3, "lane_width_m": 3.5}')
+        _fault(
+            name,
+            f"the road is not given; {_facts_file(Path(name)).name} beside a CSV file holds it, as "
+            '{"road": {"lanes": 3, "lane_width_m": 3.5}}',
+        )
     lanes, width = road.get("lanes"), road.get("lane_width_m")
     if type(lanes) is not int or not isinstance(width, (int, float)):
         _fault(name, f"the road is {json.dumps(road)[:80]}; it needs lanes, a whole number, and lane_width_m")
