@@ -26,7 +26,7 @@ from cornerforge.world_options import (
 
 NAMES = {one.name for one in fields(WorldOptions)}
 # Here the AV is "recorded" unless one is named, or it is an argument.
-OTHER_AV = {"check-av", "import", "cases from-data"}
+OTHER_AV = {"check-av", "import", "cases from-data", "retest"}
 # The model of `ndd` is what they show, check or fill; `plausibility` takes several budgets.
 OWN = {"plausibility": {"budget"}, "ndd import": {"model"}, "ndd show": {"model"}, "ndd validate": {"model"}}
 

@@ -25,7 +25,10 @@ pytestmark = pytest.mark.skipif(not (DATA / I80).is_file(), reason=f"no trajecto
 
 @pytest.fixture(scope="module")
 def found() -> Validation:
-    with pytest.warns(UserWarning, match="2 row"):  # of I-80 that stand after later ones
+    with (  # rows of I-80 that stand after later ones, and names of one period that come again in another
+        pytest.warns(UserWarning, match="2 row"),
+        pytest.warns(UserWarning, match=r"tracks were cut at 3 place\(s\)"),
+    ):
         readings = read_decisions([DATA / name for name in TARGETS], "ngsim")
     return validate_readings(load_model(default_model_path()), readings)
 

@@ -36,7 +36,7 @@ class Compared(Difference):
             "Cases in which the same AV does not crash again, by the rounding of their scripts (docs/adr/0040); 0 of "
             "another AV, whose are `fixed`."
         ),
-    ] = 0
+    ]
     left_out: Annotated[Whole, meant("Further ones in which an AV raised, hung or gave no usable answer.")]
     baseline_crashes: Annotated[Whole, meant("Of the baseline.")]
     av_crashes: Annotated[Whole, meant("Of the AV.")]
@@ -79,7 +79,9 @@ class Retested(Difference):
     av: Annotated[str, meant("The AV.")]
     baseline: Annotated[str, meant("What it is compared with.")]
     cases: Annotated[Whole, meant("Cases of the library.")]
-    same_av: Annotated[bool, meant("The AV is the one that made the library, without another baseline.")] = False
+    same_av: Annotated[
+        bool, meant("The AV is the one that made the library, without another baseline; false for case files.")
+    ]
     got_worse: Annotated[
         bool,
         meant(

@@ -210,6 +210,7 @@ def _retest_files(
         av=options.av,
         baseline=baseline or (makers[0] if len(makers) == 1 else SEVERAL),
         cases=len(files),
+        same_av=False,
         got_worse=compared.new_crashes > 0 or bool((crashed == _UNKNOWN).any()),
         note=note,
         recorded=compared,

@@ -131,6 +131,6 @@ def _read_rows(path: Path) -> list[dict[str, str]]:
 def _markings(text: str | None) -> tuple[float, ...]:
     """Positions across the road, split by ";"; none where one is no number: tracks can be read without."""
     try:
-        return tuple(sorted(float(part.replace(",", ".")) for part in (text or "").split(";") if part.strip()))
+        return tuple(sorted(float(one.replace(",", ".")) for one in (text or "").split(";") if one.strip()))
     except ValueError:
         return ()
