@@ -24,7 +24,7 @@ from stage_lines import LINE, without_stages
 import cornerforge._kernel_cache
 from cornerforge import ext
 from cornerforge._jit import kernel
-from cornerforge._words import speed_text
+from cornerforge._words import few_digits
 from cornerforge.adversary.config import PRESETS
 from cornerforge.cli import app, main
 from cornerforge.cli.output import Bars, compiling_text, run_command
@@ -596,7 +596,7 @@ def test_compiling_is_said_without_a_terminal_too(
 
 
 def test_a_slow_speed_keeps_its_digits() -> None:
-    assert [speed_text(speed) for speed in (40337.4, 12.3, 0.4321, 0.0)] == ["40,337", "12", "0.43", "0"]
+    assert [few_digits(speed) for speed in (40337.4, 12.3, 0.4321, 0.0)] == ["40,337", "12", "0.43", "0"]
 
 
 # --- exit status 1 ---

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import reprlib
 
-__all__ = ["shown", "speed_text", "spoken"]
+__all__ = ["few_digits", "shown", "spoken"]
 
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 120
@@ -43,10 +43,10 @@ def spoken(seconds: float) -> str:
     return f"{days:,.0f} days" if math.isfinite(days) else "for ever"
 
 
-def speed_text(per_second: float) -> str:
-    """A speed with as many digits as say something.
+def few_digits(number: float) -> str:
+    """A number with as many digits as say something.
 
-    >>> speed_text(12345.6), speed_text(3.14159), speed_text(0.01234)
+    >>> few_digits(12345.6), few_digits(3.14159), few_digits(0.01234)
     ('12,346', '3.1', '0.012')
     """
-    return f"{per_second:,.0f}" if per_second >= 10.0 else f"{per_second:.2g}"
+    return f"{number:,.0f}" if number >= 10.0 else f"{number:.2g}"

@@ -294,7 +294,7 @@ def call(make: Any, *steps: Any) -> None:
         ([AdversaryEnv, lambda e: e.reset(options={"test": -2})], "test = -2"),
         ([AdversaryEnv, lambda e: e.reset(options={"tset": 2})], 'Did you mean "test"'),
         ([lambda: AdversaryVectorEnv(2), lambda e: e.step(np.zeros(2, int))], "call reset"),
-        ([lambda: AdversaryVectorEnv(2), lambda e: e.reset(), lambda e: e.step([0])], "shape"),
+        ([lambda: AdversaryVectorEnv(2), lambda e: e.reset(), lambda e: e.step([0])], "give 2 whole numbers"),
         ([lambda: AdversaryVectorEnv(2), lambda e: e.reset(), lambda e: e.step([0, 40])], "from 0 to 32"),
         ([lambda: AdversaryVectorEnv(2), lambda e: e.reset(seed=[1])], "seed has 1 entries for 2"),
         ([lambda: AdversaryVectorEnv(2), lambda e: e.reset(options={"test": [1]})], "test has 1 entries"),

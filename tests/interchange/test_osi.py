@@ -150,7 +150,7 @@ def test_the_av_is_the_host_or_the_one_that_is_named(
 
 def test_who_is_the_av_must_be_known(tmp_path: Path) -> None:
     path = scene(tmp_path / "t.osi", AV, replace(AHEAD, name="Target"), host=None)
-    with pytest.raises(InputError, match=r"t\.osi does not say which vehicle is the AV; name one as ego: 0, 1 \(Targe"):
+    with pytest.raises(InputError, match=r"t\.osi does not say which .* as ego \(--ego\): 0, 1 \(Targe"):
         read_osi(path)
     with pytest.raises(UnknownNameError, match="Tarjet"):
         read_osi(path, ego="Tarjet")

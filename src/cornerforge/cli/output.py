@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeVar
 import typer
 
 from cornerforge._locks import claims
-from cornerforge._words import speed_text
+from cornerforge._words import few_digits
 from cornerforge.cli.config import this_call
 from cornerforge.errors import printable
 
@@ -104,7 +104,7 @@ class Bars:
             # Work of an earlier session does not count for the speed of this one.
             self._task = self._bars.add_task(stage, total=total, completed=int(done), rate="")
         speed = self._bars.tasks[self._task].speed
-        text = f"{speed_text(speed)}/s" if speed else ""
+        text = f"{few_digits(speed)}/s" if speed else ""
         self._bars.update(self._task, description=stage, completed=done, total=total, rate=text)
 
     def stop(self, *, finished: bool = False) -> None:

@@ -4,7 +4,7 @@ Programs take the interfaces here: what an AV is told, sees and may answer. In t
 AV, `interpreter` and `loaders` say where and how it is loaded, `driver` opens and lends its processes, `session` is
 one of them with its worlds, `answers` makes controls of what it says, `process` has its failures, `recorder` drives its
 tests once more. Beside them `pace` (how fast it is), `av_log` (what it printed), `named_avs` (what this user has
-named), `edge_cases` (what `check-av` tries).
+named), `edge_cases` (what `check-av` tries), `networks` (what numbers of a network mean).
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 __all__ = ["Av", "AvContext", "Box", "Boxes", "Planner", "PlannerForAll", "Scene", "Scenes"]
 
 MODULES = (
-    "answers", "av_log", "driver", "edge_cases", "interpreter", "loaders", "named_avs", "pace", "process", "recorder",
-    "session", "spec",
+    "answers", "av_log", "driver", "edge_cases", "interpreter", "loaders", "named_avs", "networks", "pace", "process",
+    "recorder", "session", "spec",
 )  # fmt: skip
 """Modules from which other rooms import too."""
 

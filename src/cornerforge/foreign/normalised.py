@@ -71,9 +71,9 @@ class Statistics:
 
     def __init__(self, path: Path) -> None:
         self.path, self.shape = path, ()
+        if not path.is_file():
+            raise FileFormatError(f"{path} is no file; name the statistics that venv.save(FILE) wrote, or say none.")
         try:
-            if not path.is_file():
-                raise ValueError("no such file")
             self.content = path.read_bytes()
             kept = _Reader(io.BytesIO(self.content)).load().state
             if kept["norm_obs"] is False:

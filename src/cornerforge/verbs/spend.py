@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from cornerforge._schema import Whole
-from cornerforge._words import spoken
+from cornerforge._words import few_digits, spoken
 from cornerforge.adversary.config import preset_named
 from cornerforge.adversary.verdicts import count_paid
 from cornerforge.adversary.worlds import reward_numbers
@@ -401,10 +401,6 @@ def _share(share: float) -> str:
     return f"{100.0 * share:.2g} %"
 
 
-def _few(number: float) -> str:
-    return f"{number:,.0f}" if number >= 10.0 else f"{number:.2g}"
-
-
 def _not_found(plan: Plan, attacks: Sequence[Portion], natural: NaturalRate, miles: float) -> tuple[str, ...]:
     """Say what the time was too short for."""
     said = []
@@ -418,7 +414,7 @@ def _not_found(plan: Plan, attacks: Sequence[Portion], natural: NaturalRate, mil
         tests = natural.plain_tests
         said.append(
             f"0 crashes in {tests:,} natural tests: fewer than one in {max(1, tests // 3):,} tests, or in "
-            f"{_few(tests / 3.0 * miles)} miles (rule of three, 95 %). That says nothing about rare "
+            f"{few_digits(tests / 3.0 * miles)} miles (rule of three, 95 %). That says nothing about rare "
             f"crashes: to see one in 100,000 tests would take about {spoken(3e5 / plan.tests_per_second)} of counting."
         )
     elif natural.method == "mc" and natural.av_crashes < 10:

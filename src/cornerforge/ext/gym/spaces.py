@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from cornerforge._words import shown
 from cornerforge.errors import InputError
+from cornerforge.foreign.networks import answers_of_box, answers_of_index
 from cornerforge.sim import av_view, neighbours, observe
-from cornerforge.types import ACTION_ACCELERATIONS, ACTION_SIDES, HIGHEST_COMMAND, LOWEST_COMMAND, N_ACTIONS, Odd
+from cornerforge.types import HIGHEST_COMMAND, LOWEST_COMMAND, N_ACTIONS, Odd
 
 __all__ = [
     "ClosedError",
@@ -41,8 +42,6 @@ class ClosedError(InputError, error.ClosedEnvironmentError):
 
 _LATERAL_SPEED = 25.0
 """Bound above the lateral speed of any lane change [m/s], even of one that is aborted and begun again all the time."""
-_LANE_ORDER_FROM = 1.0 / 3.0
-"""Least size of a lateral command that is a lane order."""
 
 
 def adversary_observations(odd: Odd) -> spaces.Box:
@@ -92,7 +91,7 @@ def driving_actions(kind: str) -> spaces.Space[NDArray[np.float32]] | spaces.Dis
     raise InputError(f'actions = {kind!r} is not known; allowed: "discrete" or "box".')
 
 
-def av_commands(actions: NDArray[np.generic], *, box: bool) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def av_commands(actions: NDArray[Any], *, box: bool) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Give acceleration [m/s2] and lane order (1 left, 0 keep, -1 right) of B actions, each of shape (B,).
 
     Args:
@@ -101,12 +100,8 @@ def av_commands(actions: NDArray[np.generic], *, box: bool) -> tuple[NDArray[np.
             to the right. Numbers beyond [-1, 1] are cut.
         box: Whether the actions are for `box`.
     """
-    if box:
-        wish = np.clip(actions.astype(np.float64), -1.0, 1.0)
-        held = np.where(wish[:, 0] < 0.0, -LOWEST_COMMAND, HIGHEST_COMMAND) * wish[:, 0]
-        return held, ((wish[:, 1] > _LANE_ORDER_FROM).astype(np.int64) - (wish[:, 1] < -_LANE_ORDER_FROM))
-    index = actions.astype(np.int64)
-    return ACTION_ACCELERATIONS[index], ACTION_SIDES[index]
+    answers = answers_of_box(actions) if box else answers_of_index(actions)
+    return answers[:, 0], answers[:, 1].astype(np.int64)
 
 
 def numbers_of(actions: object) -> NDArray[Any]:

@@ -159,7 +159,9 @@ def _av_of(path: Path, trace: Trace, ego: str | None) -> int:
     elif trace.host is not None:
         found = [k for k, body in vehicles.items() if body.ident == trace.host]
         if not found:
-            raise DataError(f"{path.name}: the host vehicle, {trace.host}, is no vehicle of it; name another as ego.")
+            raise DataError(
+                f"{path.name}: the host vehicle, {trace.host}, is no vehicle of it; name another as ego (--ego)."
+            )
     else:
         found = [k for k, body in vehicles.items() if body.name.lower() in _AV_NAMES] or list(vehicles)
     if len(found) != 1:
@@ -168,7 +170,7 @@ def _av_of(path: Path, trace: Trace, ego: str | None) -> int:
             for body in list(vehicles.values())[:8]
         )
         raise InputError(
-            f"{path.name} does not say which vehicle is the AV; name one as ego: {named or 'it has none'}."
+            f"{path.name} does not say which vehicle is the AV; name one as ego (--ego): {named or 'it has none'}."
         )
     return found[0]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cornerforge._words import speed_text, spoken
+from cornerforge._words import few_digits, spoken
 from cornerforge.results import AvChecked, Avs, Simulated, Trained, TrainedAv
 from cornerforge.results.driving import Quantity
 from cornerforge.verbs.sentences.numbers import ABANDONED, fault_text, rate_text, yield_text
@@ -15,7 +15,7 @@ def simulate_text(found: Simulated) -> str:
     lines = [
         rate_text(found, f"{found.av}, {' + '.join(found.bv or ())}"),
         f"{found.av_crashes:,} AV crashes, {found.bv_crashes:,} crashes between BVs; "
-        f"{speed_text(found.tests_per_second)} tests/s, {speed_text(found.world_steps_per_second)} world-steps/s; "
+        f"{few_digits(found.tests_per_second)} tests/s, {few_digits(found.world_steps_per_second)} world-steps/s; "
         f"digest {found.digest[:16]}",
         *fault_text(found.av_faults),
     ]
@@ -42,15 +42,15 @@ def check_av_text(found: AvChecked) -> str:
             lines += [f"       {line}" for line in check.trace.splitlines()]
             told.add(check.trace)
     lines += [
-        f"speed, {one.worlds:>4} worlds: {speed_text(one.calls_per_second)} calls/s, "
-        f"{speed_text(one.decisions_per_second)} decisions/s"
+        f"speed, {one.worlds:>4} worlds: {few_digits(one.calls_per_second)} calls/s, "
+        f"{few_digits(one.decisions_per_second)} decisions/s"
         for one in found.speed
     ]
     if found.does is not None:
         lines.append(
             f"about {spoken(found.does.answer_seconds)} for an answer, {found.does.batch} world(s) at a time, "
-            f"{found.does.processes} process(es): {speed_text(found.does.tests_per_hour)} tests/h, "
-            f"{speed_text(found.does.decisions_per_hour)} training decisions/h; {found.does.advice}"
+            f"{found.does.processes} process(es): {few_digits(found.does.tests_per_hour)} tests/h, "
+            f"{few_digits(found.does.decisions_per_hour)} training decisions/h; {found.does.advice}"
         )
     lines += [f"what it printed, and its tracebacks: {found.log}"] if found.log else []
     may = f"it may do what you may; memory: {found.memory_gb:.3g} GB a process"
