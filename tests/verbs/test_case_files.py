@@ -333,7 +333,7 @@ def test_who_strikes_is_told_and_may_decide(struck: Path, capsys: pytest.Capture
     cornerforge.write_case_file(replace(case, happened=happened), struck / "tailgated.json", overwrite=True)
     for count, kind in (("any", "fixed"), ("av", "never")):
         assert cornerforge.retest(struck, av="avs.py:Heedless", count=count).each[1].recorded == kind
-    with pytest.raises(InputError, match='No way to count crashes "bv"'):
+    with pytest.raises(InputError, match='No count "bv"'):
         cornerforge.retest(struck, av="idm-mobil", count="bv")
 
 

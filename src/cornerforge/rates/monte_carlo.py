@@ -7,6 +7,7 @@ import hashlib
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from itertools import pairwise
 from typing import Annotated, Any, Self
 
 from cornerforge._schema import Whole, meant, read
@@ -220,9 +221,14 @@ class MonteCarlo:
         """The inverse of `to_json`.
 
         Raises:
-            FileFormatError: Keys are missing or unknown, or a value is out of its range.
+            FileFormatError: Keys are missing or unknown, a value is out of its range, or counts contradict each other.
         """
         place = "These are not the counts of a rate estimate"
         if odd := set(content) ^ {one.name for one in fields(cls)}:
             raise FileFormatError(f'{place}: "{min(odd)}" is {"unknown" if min(odd) in content else "missing"}.')
-        return read(cls, content, place)
+        counts = read(cls, content, place)
+        rising = all(a < b for a, b in pairwise((-1, *counts.crashed, counts.tests)))
+        too_many = counts.av_faults + counts.av_crashes > counts.tests
+        if counts.av_crashes != len(counts.crashed) or not rising or too_many:
+            raise FileFormatError(f"{place}: they contradict each other.")
+        return counts

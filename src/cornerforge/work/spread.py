@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, TypeVar
 
@@ -25,8 +25,9 @@ ENGINES = ("threads", "ray")
 _cluster: ContextVar[Cluster | None] = ContextVar("cluster", default=None)
 
 
-@contextmanager
-def engine(name: str = "threads", *, address: str | None = None, workers: int | None = None) -> Iterator[None]:
+def engine(
+    name: str = "threads", *, address: str | None = None, workers: int | None = None
+) -> AbstractContextManager[None]:
     """Choose where tests are driven for as long as the block runs; no result depends on it.
 
     `simulate`, `generate`, `rate`, `plausibility`, `analyse` and all others that spread their work then use all
@@ -47,13 +48,20 @@ def engine(name: str = "threads", *, address: str | None = None, workers: int | 
     ...     print(is_spread())
     False
     """
-    check_in("engine", name, ENGINES)
+    check_value("name", name, str)
     check_value("address", address, str | None)
+    check_value("workers", workers, int | None)
+    check_in("engine", name, ENGINES)
     if workers is not None:
         check_integer("threads", workers, low=1, high=100_000)
+    if name == "threads" and address is not None:
+        raise InputError(f"address = {address!r} needs the engine ray: --engine ray --address {address}")
+    return _chosen(name, address, workers)
+
+
+@contextmanager
+def _chosen(name: str, address: str | None, workers: int | None) -> Iterator[None]:
     if name == "threads":
-        if address is not None:
-            raise InputError(f"address = {address!r} needs the engine ray: --engine ray --address {address}")
         token = _cluster.set(None)
         try:
             yield
