@@ -122,7 +122,7 @@ WRONG = [
     ('"nothing/*.json", av="idm-mobil"', "case", "no file nothing/*.json (looked in"),
     ('av="idm-mobil"', "case", 'name case files, such as "cases/*.json"'),
     ('"", av="idm-mobil"', "case", 'name case files, such as "cases/*.json"'),
-    ('"cases/*.json", speed=3', "case", "speed is not known; known: av, av_timeout"),
+    ('"cases/*.json", speed=3', "case", "speed is not known; known: av, av_actions"),
     ('"cases/*.json", av="idm-mobil"', "", "the test must take the argument `case`"),
     ('"cases/near.json"', "case", "Name the AV: @pytest.mark.cornerforge"),
     ('"cases/near.json", av="idm-mobl"', "case", 'No AV "idm-mobl". Did you mean "idm-mobil"?'),

@@ -175,7 +175,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     from cornerforge.world_options import AvAloneOptions
 
     where = f"@pytest.mark.{MARKER} of {metafunc.definition.nodeid}"
-    known = tuple(AvAloneOptions.__dataclass_fields__)
+    known = sorted(AvAloneOptions.__dataclass_fields__)
     unknown = [name for name in marker.kwargs if name not in known]
     if unknown:
         pytest.fail(f"{where}: {unknown[0]} is not known; known: {', '.join(known)}.", pytrace=False)

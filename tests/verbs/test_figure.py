@@ -74,7 +74,7 @@ def test_what_cannot_be_drawn_is_told_first(swerve_library: Path, case: str, tmp
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (["0:0"], "Where to? Name a place by --out"),
+        (["0:0"], "A case's figure needs a file; name it by --out"),
         (["0:0", "--out", "a.pdf", "--times", "1,b"], "are no numbers with commas between them"),
     ],
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, TypeVar
 
@@ -61,16 +61,9 @@ def engine(
 
 @contextmanager
 def _chosen(name: str, address: str | None, workers: int | None) -> Iterator[None]:
-    if name == "threads":
-        token = _cluster.set(None)
-        try:
-            yield
-        finally:
-            _cluster.reset(token)
-        return
     from cornerforge.work.cluster import joined  # needs the extra "ray"
 
-    with joined(address, workers) as cluster:
+    with nullcontext() if name == "threads" else joined(address, workers) as cluster:
         token = _cluster.set(cluster)
         try:
             yield
