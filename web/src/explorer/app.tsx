@@ -97,7 +97,7 @@ function onKey(event: KeyboardEvent): void {
   const inField = target.matches(FIELDS) && !target.matches("input[type=checkbox], input[type=range]");
   if (event.key === "Escape") {
     // The dialog closes itself; a field gives up the focus.
-    if (helpOpen.peek()) return;
+    if (isDialogOpen()) return;
     if (inField) target.blur();
     else if (drawing.peek().length > 0 || lassoing.peek()) {
       drawing.value = [];
@@ -108,7 +108,7 @@ function onKey(event: KeyboardEvent): void {
     }
     return;
   }
-  if (inField || helpOpen.peek()) return;
+  if (inField || isDialogOpen()) return;
   // A case that is shown has keys of its own, unless another part has the focus.
   const isCase = target === document.body || target.closest(".watch") !== null;
   if (isCase && watched.peek() !== null && !listOver.peek() && commandOf(event) !== null) return;
@@ -117,6 +117,11 @@ function onKey(event: KeyboardEvent): void {
   if (!act) return;
   event.preventDefault();
   act();
+}
+
+/** Whether the help is open now: `helpOpen` follows a moment after the dialog has closed itself. */
+function isDialogOpen(): boolean {
+  return document.querySelector("dialog[open]") !== null;
 }
 
 const KEYS: Readonly<Record<string, () => void>> = {
