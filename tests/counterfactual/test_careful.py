@@ -160,6 +160,7 @@ def test_columns_say_nobody_and_null() -> None:
     n = len(CAREFUL)
     three = Prevention(
         np.array([True, True, False]),
+        np.array([2, 0, 0]),
         np.array([[True] * n, [False] * n, [False] * n]),
         np.array([True, False, False]),
         np.full((3, n), [[1.5], [np.inf], [np.inf]]),
@@ -167,6 +168,7 @@ def test_columns_say_nobody_and_null() -> None:
     )
     columns = three.columns()
     assert list(columns) == [column.name for column in PREVENTED_COLUMNS]
+    assert columns["manoeuvre"] == ["av-moves", "other-moves", None]
     assert columns["prevented_by"] == [", ".join(CAREFUL), "nobody", None]
     assert list(columns["held_speed_prevents"]) == [True, False, None]
     assert columns["least_ttc_fsm_s"][0] == 1.5

@@ -93,17 +93,19 @@ def test_agreement_is_that_of_the_columns(library: Path, analysed: Analysed) -> 
 
 def test_a_way_out_counts_from_its_reaction_time_on() -> None:
     times = np.array([np.nan, -0.4, 0.0, 0.7, 0.8, 1.0, 3.1])
-    assert has_way_out(times, 0.0).tolist() == [False, False, True, True, True, True, True]
-    assert has_way_out(times, 0.75).tolist() == [False, False, False, False, True, True, True]
-    assert has_way_out(times, 1.0).tolist() == [False, False, False, False, False, True, True]
+    other = np.zeros(times.size, np.bool_)
+    assert has_way_out(times, other, 0.0).tolist() == [False, False, True, True, True, True, True]
+    assert has_way_out(times, other, 0.75).tolist() == [False, False, False, False, True, True, True]
+    assert has_way_out(times, other, 1.0).tolist() == [False, False, False, False, False, True, True]
+    assert has_way_out(times, ~other, 1.0).tolist() == has_way_out(times, other, 0.0).tolist()
 
 
 def test_without_cases_there_is_nothing_to_compare() -> None:
     none = np.zeros(0, np.bool_)
-    assert judges_of(np.zeros(0), {"fsm": none}, none, np.zeros((0, len(REACTIONS_S), 1), np.bool_)) is None
+    assert judges_of(np.zeros(0), none, {"fsm": none}, none, np.zeros((0, len(REACTIONS_S), 1), np.bool_)) is None
     analysed = {"cc-human": np.array([True]), "fsm": np.array([False])}
     reacting = np.zeros((1, len(REACTIONS_S), 2), np.bool_)
-    found = judges_of(np.array([0.5]), analysed, np.array([True]), reacting)
+    found = judges_of(np.array([0.5]), np.array([False]), analysed, np.array([True]), reacting)
     assert found is not None
     assert found.agreement["cc-human"]["fsm"] == 0.0
     assert found.both["cc-human"]["holding the speed"] == 1

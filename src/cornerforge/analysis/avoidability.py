@@ -18,6 +18,8 @@ from cornerforge._arrow import arrow_fields
 from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge._schema import check_fields, meant
 from cornerforge.counterfactual import (
+    AV_BRAKES,
+    AV_MOVES,
     BRAKING,
     COMBINED,
     STEERING,
@@ -81,7 +83,8 @@ class AvoidParams:
 
     decision_s: Annotated[float, meant("Between two decisions of the AV, a multiple of 0.1 s.", "s", 0.1, 0.5)] = 0.5
     delay_s: Annotated[
-        float, meant("Time from the begin of the manoeuvre that led to the crash until a way out may begin.", "s", 0, 5)
+        float,
+        meant("From the begin of a manoeuvre of another until a way out may begin.", "s", 0, 5),
     ] = 0.0
     accelerations_mps2: Annotated[
         tuple[float, ...], meant("Held between decisions: 0, at least one below 0, all in [-20, 10].", "m/s2")
@@ -147,7 +150,7 @@ class Avoidability:
 
     Attributes:
         label: A key of `LABELS`.
-        manoeuvre_s: Begin of the manoeuvre that led to the crash (`counterfactual.braking.manoeuvre_begin`).
+        manoeuvre_s: Begin of the manoeuvre that led to the crash (`counterfactual.begin.manoeuvre_begin`).
         braking_s: Latest moment from which accelerations alone help, not before the manoeuvre's begin.
         steering_s: The same for lane changes alone.
         latest_s: The last way out: latest moment from which anything helps; it may lie before the manoeuvre's begin.
@@ -353,7 +356,8 @@ def _check_witnesses(ids: Sequence[str], out: WaysOut) -> None:
 
 
 def _labels(out: WaysOut, params: AvoidParams) -> list[str]:
-    in_time = (out.moment >= 0) & (out.moment >= (out.begin + round(params.delay_s / FRAME_S))[:, None])
+    reacts = ~np.isin(out.manoeuvre, (AV_MOVES, AV_BRAKES))  # what the AV itself began it can leave out at once
+    in_time = (out.moment >= 0) & (out.moment >= (out.begin + reacts * round(params.delay_s / FRAME_S))[:, None])
     names = np.full(len(in_time), "unavoidable", dtype=object)
     names[out.gave_up != 0] = "undecided"
     names[in_time[:, COMBINED]] = "by combination"

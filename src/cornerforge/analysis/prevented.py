@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer, check_number
 from cornerforge.analysis.avoidability import AvoidParams, manoeuvres_of, problem_of
 from cornerforge.counterfactual import (
+    MANOEUVRES,
     Judgements,
     JudgeScratch,
     Manoeuvres,
@@ -52,6 +53,8 @@ def _column(driver: str) -> str:
 
 
 PREVENTED_COLUMNS: tuple[Field, ...] = (
+    Field("manoeuvre", "string", "", f"What led to it: {', '.join(MANOEUVRES)} (`counterfactual.begin`); null: it "
+          "cannot be judged.", nullable=True),
     Field("prevented_by", "string", "", f"Reference drivers that would have prevented it, of {', '.join(CAREFUL)}; "
           f'"{_NOBODY}": none; null: it cannot be judged.', nullable=True),
     Field("held_speed_prevents", "bool", "", "Would it have been prevented by holding the speed, without any braking? "
@@ -105,6 +108,7 @@ class Prevention:
 
     Attributes:
         judged: False where the recording cannot be judged, (C,).
+        manoeuvre: What led to the crash, its place in `counterfactual.MANOEUVRES`, int64 (C,).
         prevented: (C, drivers), False where not judged.
         held: Prevented by holding the speed alone, (C,), False where not judged.
         least_ttc: [s], inf where it never closes in, (C, drivers).
@@ -112,6 +116,7 @@ class Prevention:
     """
 
     judged: NDArray[np.bool_]
+    manoeuvre: NDArray[np.int64]
     prevented: NDArray[np.bool_]
     held: NDArray[np.bool_]
     least_ttc: NDArray[np.float64]
@@ -119,7 +124,7 @@ class Prevention:
 
     def columns(self) -> dict[str, Any]:
         """Make the values of `PREVENTED_COLUMNS`; NaN stands for null."""
-        names = list(CAREFUL)
+        names, manoeuvres = list(CAREFUL), list(MANOEUVRES)
         said = [
             (", ".join(n for n, yes in zip(names, row, strict=True) if yes) or _NOBODY) if judged else None
             for row, judged in zip(self.prevented.tolist(), self.judged.tolist(), strict=True)
@@ -127,6 +132,10 @@ class Prevention:
         ttc = np.where(self.judged[:, None] & np.isfinite(self.least_ttc), self.least_ttc, np.nan)
         braking = np.where(self.judged[:, None], self.braking, np.nan)
         return {
+            "manoeuvre": [
+                manoeuvres[code] if judged else None
+                for code, judged in zip(self.manoeuvre.tolist(), self.judged.tolist(), strict=True)
+            ],
             "prevented_by": said,
             "held_speed_prevents": [
                 held if judged else None for held, judged in zip(self.held.tolist(), self.judged.tolist(), strict=True)
@@ -167,8 +176,9 @@ def prevention_of(
         out = Judgements(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     untouched = (out.touched < 0) & judged[:, None]
     return Prevention(
-        judged, untouched[:, :HOLDS], untouched[:, HOLDS], out.least_ttc[:, :HOLDS], out.braking[:, :HOLDS]
-    )
+        judged, out.manoeuvre, untouched[:, :HOLDS], untouched[:, HOLDS], out.least_ttc[:, :HOLDS],
+        out.braking[:, :HOLDS],
+    )  # fmt: skip
 
 
 def prevented_at(

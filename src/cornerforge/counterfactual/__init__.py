@@ -2,7 +2,7 @@
 
 `search_cases` takes recordings and gives, for each, the latest moments from which the AV could still have avoided the
 crash. Within it: `search` tries every sequence of manoeuvres, `witness` drives what was found once more, `motion`
-continues a recording after its contact.
+continues a recording after its contact, `begin` finds where the manoeuvre began.
 `judge_cases` lets reference drivers drive in the AV's place (`careful`). `is_avoidable` asks whether braking would
 have been enough (`braking`). All motion is the simulator's own.
 """
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from cornerforge._doors import door
 
 if TYPE_CHECKING:
+    from cornerforge.counterfactual.begin import AV_BRAKES, AV_MOVES, MANOEUVRES
     from cornerforge.counterfactual.braking import Braking, is_avoidable
     from cornerforge.counterfactual.careful import (
         Judgements,
@@ -33,8 +34,11 @@ if TYPE_CHECKING:
     from cornerforge.counterfactual.search import BRAKING, COMBINED, STEERING, Manoeuvres
 
 __all__ = [
+    "AV_BRAKES",
+    "AV_MOVES",
     "BRAKING",
     "COMBINED",
+    "MANOEUVRES",
     "STEERING",
     "Braking",
     "CaseScratch",
@@ -58,6 +62,9 @@ FOR_PROGRAMS = ("BRAKING", "COMBINED", "STEERING")
 __getattr__ = door(
     "cornerforge.counterfactual",
     {
+        "AV_BRAKES": "begin",
+        "AV_MOVES": "begin",
+        "MANOEUVRES": "begin",
         "BRAKING": "search",
         "COMBINED": "search",
         "STEERING": "search",

@@ -13,6 +13,7 @@ import numpy as np
 from cornerforge._checks import check_number
 from cornerforge._elementary import atan
 from cornerforge._jit import kernel
+from cornerforge.counterfactual.begin import AV_BRAKES, AV_MOVES, manoeuvre_begin
 from cornerforge.geometry import Box, boxes_overlap, path_at, plan_path
 from cornerforge.recordings import BODY_FIELDS, Trajectories, box_in, recordings_of, unpack
 from cornerforge.road.straight import lane_centre, road_numbers
@@ -26,12 +27,10 @@ if TYPE_CHECKING:
     from cornerforge.road.straight import RoadNumbers
     from cornerforge.types import Scenario
 
-__all__ = ["Braking", "avoidable_by_braking", "is_avoidable", "lateral_plan", "manoeuvre_begin"]
+__all__ = ["Braking", "avoidable_by_braking", "is_avoidable", "lateral_plan"]
 
 _DT = FRAME_S
 _SETTLED_M = 0.01
-_RECENT_FRAMES = 10
-_BRAKING = -1.0
 _FULL_STEERING_SPEED = 5.0
 _LONGEST_FRAMES = 100
 """A braking AV that has touched no vehicle after so many frames is safe, even if it still moves: braking at 8 m/s2 from
@@ -67,57 +66,6 @@ def _last_change(frames: NDArray[np.void], slot: int, last: int, road: RoadNumbe
     while end < last and abs(frames[end, slot].y - centre) > _SETTLED_M:
         end += 1
     return start, end
-
-
-@kernel
-def _closing_begin(frames: NDArray[np.void], partner: int, last: int) -> int:
-    """Find the first frame from which the rear one of AV and partner was faster until the contact.
-
-    Pauses below 1 s do not count. 0, the start of the test, if it was not faster within the last second.
-    """
-    behind, ahead = partner, 0
-    if frames[last, partner].x > frames[last, 0].x:
-        behind, ahead = 0, partner
-    begin = 0
-    paused = 0
-    for f in range(last - 1, -1, -1):
-        if frames[f, partner].present == 0 or paused >= _RECENT_FRAMES:
-            break
-        if frames[f, behind].speed > frames[f, ahead].speed:
-            begin = f
-            paused = 0
-        else:
-            paused += 1
-    return begin
-
-
-@kernel
-def manoeuvre_begin(frames: NDArray[np.void], partner: int, last: int, road: RoadNumbers) -> int:
-    """Find the frame at which the manoeuvre began that led to the AV's crash with `partner` at frame `last`.
-
-    It is the begin of the first of these that exists: the partner's last lane change, if it runs at the contact or
-    ended at most 1 s before; the partner's last uninterrupted braking of at least 1 m/s2 ahead of the AV, if it lasted
-    until at most 1 s before; the AV's own last lane change, as for the partner's; the time in which the rear one of the
-    two was faster, pauses below 1 s left out; the test.
-
-    Args:
-        frames: Recording, (frames, slots) of `fields.FRAME_FIELDS`.
-        partner: Slot that the AV touched.
-        last: Frame of the contact.
-        road: Constants.
-    """
-    start, end = _last_change(frames, partner, last, road)
-    if start >= 0 and last - end <= _RECENT_FRAMES:
-        return start
-    for f in range(last - 1, max(-1, last - 1 - _RECENT_FRAMES), -1):
-        if frames[f, partner].acceleration <= _BRAKING and frames[f, partner].x > frames[f, 0].x:
-            while f > 0 and frames[f - 1, partner].present and frames[f - 1, partner].acceleration <= _BRAKING:
-                f -= 1
-            return f
-    start, end = _last_change(frames, 0, last, road)
-    if start >= 0 and last - end <= _RECENT_FRAMES:
-        return start
-    return _closing_begin(frames, partner, last)
 
 
 @kernel
@@ -158,30 +106,15 @@ def _across(path: Path, duration: float, clock: float, speed: float, y_end: floa
 
 
 @kernel
-def is_avoidable(test: Trajectories, last: int, partner: int, road: RoadNumbers, braking: Braking) -> bool:
-    """Would no vehicle have touched the AV, had it braked to a stop from `braking.delay` after the manoeuvre began?
-
-    Up to the contact all other vehicles move as recorded, and all count, also one that drives into the AV from behind.
-    After the contact nothing is recorded, and only the partner counts (the others would have seen the braking): it
-    completes its lane change, and brakes on if it braked, else keeps its speed. The AV's braking begins with the
-    acceleration that it then has, at the ODD's jerk. It follows the lateral path that it
-    was on when it began to brake. False when the contact comes before the AV's reaction.
-
-    Args:
-        test: The recording.
-        last: Frame of the contact.
-        partner: Slot that the AV touched.
-        road: Constants.
-        braking: How the AV brakes.
-    """
+def _is_enough(test: Trajectories, last: int, partner: int, road: RoadNumbers, begin: int, deceleration: float) -> bool:
+    """Does nothing touch an AV that brakes so from frame `begin` on (0: that keeps its speed)?"""
     frames = test.frames
     body = test.bodies[0]
-    begin = manoeuvre_begin(frames, partner, last, road) + int(np.rint(braking.delay / _DT))
     if begin >= last:
         return False
     x0 = frames[begin, 0].x
     v0 = min(max(frames[begin, 0].speed, 0.0), road.max_speed)
-    a0 = frames[begin, 0].acceleration if road.ramp_time > 0.0 else -braking.deceleration
+    a0 = frames[begin, 0].acceleration if road.ramp_time > 0.0 else -deceleration
     path, duration = lateral_plan(frames, 0, begin, body.change_time, road)
     centre = lane_centre(frames[begin, 0].target_lane, road.lane_width) if duration > 0.0 else frames[begin, 0].y
     clock = 0.0
@@ -193,7 +126,7 @@ def is_avoidable(test: Trajectories, last: int, partner: int, road: RoadNumbers,
     other_v = other.speed
     other_clock = 0.0
     for f in range(begin + 1, begin + _LONGEST_FRAMES + 1):
-        way, _, speed, _ = motion.go_on(v0, a0, -braking.deceleration, (f - begin) * _DT, road)
+        way, _, speed, _ = motion.go_on(v0, a0, -deceleration, (f - begin) * _DT, road)
         x = x0 + way
         clock += _DT * min(1.0, speed / _FULL_STEERING_SPEED)
         y, heading = _across(path, duration, clock, speed, centre)
@@ -217,6 +150,34 @@ def is_avoidable(test: Trajectories, last: int, partner: int, road: RoadNumbers,
         if f >= last and speed == 0.0:
             return True
     return True
+
+
+@kernel
+def is_avoidable(test: Trajectories, last: int, partner: int, road: RoadNumbers, braking: Braking) -> bool:
+    """Would no vehicle have touched the AV, had it braked to a stop from `braking.delay` after the manoeuvre began?
+
+    Up to the contact all other vehicles move as recorded, and all count, also one that drives into the AV from behind.
+    After the contact nothing is recorded, and only the partner counts (the others would have seen the braking): it
+    completes its lane change, and brakes on if it braked, else keeps its speed. The AV's braking begins with the
+    acceleration that it then has, at the ODD's jerk. It follows the lateral path that it
+    was on when it began to brake. False when the contact comes before the AV's reaction.
+
+    A manoeuvre that the AV itself began it can leave out: then nothing waits for `braking.delay`, and to keep lane and
+    speed is enough too.
+
+    Args:
+        test: The recording.
+        last: Frame of the contact.
+        partner: Slot that the AV touched.
+        road: Constants.
+        braking: How the AV brakes.
+    """
+    begin, kind = manoeuvre_begin(test.frames, partner, last, road)
+    if kind in (AV_MOVES, AV_BRAKES):
+        return _is_enough(test, last, partner, road, begin, 0.0) or _is_enough(
+            test, last, partner, road, begin, braking.deceleration
+        )
+    return _is_enough(test, last, partner, road, begin + int(np.rint(braking.delay / _DT)), braking.deceleration)
 
 
 def avoidable_by_braking(scenario: Scenario, *, delay_s: float = 1.0, deceleration_mps2: float = 8.0) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 
 from cornerforge._elementary import sin_cos
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.counterfactual.braking import manoeuvre_begin
+from cornerforge.counterfactual.begin import manoeuvre_begin
 from cornerforge.counterfactual.motion import allocate_rows, continue_recording, take_over_av
 from cornerforge.counterfactual.search import Manoeuvres, stopping_frames
 from cornerforge.drivers.careful import CAREFUL, HOLDS, Threat, braking_demanded, braking_of, own_reaction
@@ -48,6 +48,7 @@ class Judgements(NamedTuple):
     """Outcomes of the reference drivers, one row a case, one column a driver in the order of `CAREFUL`, then HOLDS.
 
     Attributes:
+        manoeuvre: What led to the crash, its place in `MANOEUVRES`, int64 (C,).
         begin: Frame at which each takes over, int64 (C, DRIVERS).
         touched: Frame at which a vehicle touches the driver, -1 for none, int64 (C, DRIVERS).
         reacted: Frame at which the driver sees danger first, -1 for never, int64 (C, DRIVERS).
@@ -56,6 +57,7 @@ class Judgements(NamedTuple):
         braking: Its hardest braking until the horizon [m/s2], at least 0, (C, DRIVERS).
     """
 
+    manoeuvre: NDArray[np.int64]
     begin: NDArray[np.int64]
     touched: NDArray[np.int64]
     reacted: NDArray[np.int64]
@@ -77,7 +79,9 @@ def allocate_judgements(cases: int) -> Judgements:
     shape = (cases, DRIVERS)
     none = np.full(shape, -1, dtype=np.int64)
     begin = np.zeros(shape, dtype=np.int64)
-    return Judgements(begin, none, none.copy(), np.full(shape, np.inf), np.zeros(shape))
+    return Judgements(
+        np.zeros(cases, dtype=np.int64), begin, none, none.copy(), np.full(shape, np.inf), np.zeros(shape)
+    )
 
 
 def no_tracks(cases: int) -> NDArray[np.float64]:
@@ -245,7 +249,8 @@ def judge_cases(
         last = r.last[c]
         unpack(r, c, s.frames, s.bodies)
         test = Trajectories(s.frames, s.bodies, r.vehicles[c])
-        begin = max(0, min(manoeuvre_begin(s.frames, r.partner[c], last, m.road), last - 1))
+        begin, out.manoeuvre[row] = manoeuvre_begin(s.frames, r.partner[c], last, m.road)
+        begin = max(0, min(begin, last - 1))
         approach = _approach_begin(test, r.partner[c], begin)
         end = last + m.horizon
         continue_recording(test, last, end + s.tail, r.partner[c], m.only_partner, m.road, s.rows)

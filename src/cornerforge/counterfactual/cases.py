@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cornerforge._jit import kernel
-from cornerforge.counterfactual.braking import manoeuvre_begin
+from cornerforge.counterfactual.begin import manoeuvre_begin
 from cornerforge.counterfactual.motion import continue_recording
 from cornerforge.counterfactual.search import (
     COMBINED,
@@ -41,7 +41,8 @@ class WaysOut(NamedTuple):
     """The ways out found, one row a case.
 
     Attributes:
-        begin: Frame at which the manoeuvre that led to the crash began (`braking.manoeuvre_begin`), int64 (C,).
+        begin: Frame at which the manoeuvre that led to the crash began (`begin.manoeuvre_begin`), int64 (C,).
+        manoeuvre: Its place in `MANOEUVRES`, int64 (C,).
         moment: Frame of the latest way out of each kind, -1 for none, int64 (C, KINDS).
         touched: Frame at which a vehicle touches the AV when the way out is driven, -1 for none, int64 (C, KINDS).
         gave_up: 1 where a search gave up, int64 (C,).
@@ -52,6 +53,7 @@ class WaysOut(NamedTuple):
     """
 
     begin: NDArray[np.int64]
+    manoeuvre: NDArray[np.int64]
     moment: NDArray[np.int64]
     touched: NDArray[np.int64]
     gave_up: NDArray[np.int64]
@@ -97,6 +99,7 @@ def allocate_ways_out(m: Manoeuvres, cases: int) -> WaysOut:
     decisions = _decisions(m)
     return WaysOut(
         begin=np.zeros(cases, dtype=np.int64),
+        manoeuvre=np.zeros(cases, dtype=np.int64),
         moment=np.full((cases, KINDS), -1, dtype=np.int64),
         touched=np.full((cases, KINDS), -1, dtype=np.int64),
         gave_up=np.zeros(cases, dtype=np.int64),
@@ -128,7 +131,7 @@ def search_cases(r: Recordings, first: int, stop: int, m: Manoeuvres, s: CaseScr
         last = r.last[c]
         unpack(r, c, s.frames, s.bodies)
         test = Trajectories(s.frames, s.bodies, n)
-        out.begin[row] = manoeuvre_begin(s.frames, r.partner[c], last, road)
+        out.begin[row], out.manoeuvre[row] = manoeuvre_begin(s.frames, r.partner[c], last, road)
         until = last + m.horizon + m.every + s.tail
         continue_recording(test, last, until, r.partner[c], m.only_partner, road, s.search.rows)
         earliest = max(0, last - m.lookback)

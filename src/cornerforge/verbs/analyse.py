@@ -228,6 +228,11 @@ def _strings(table: pa.Table, name: str) -> list[str | None]:
     return values
 
 
+def _own(table: pa.Table) -> NDArray[np.bool_]:
+    """Mark the cases in which the AV itself began the manoeuvre that led to the crash."""
+    return np.array([value in ("av-moves", "av-brakes") for value in _strings(table, "manoeuvre")], np.bool_)
+
+
 def _counts(values: list[str | None]) -> dict[str, int]:
     names, counts = np.unique([value for value in values if value is not None], return_counts=True)
     return {str(names[k]): int(counts[k]) for k in np.argsort(-counts, kind="stable")}
@@ -319,6 +324,7 @@ def _compared(
     masks, held = _prevented_masks(table), table.column("held_speed_prevents").to_pylist()
     compared = judges_of(
         _column(table, "time_to_react_s")[rows],
+        _own(table)[rows],
         {name: cases[rows] for name, cases in masks.items() if not name.endswith(_BY_BRAKING)},
         np.array([bool(held[row]) for row in rows], np.bool_),
         np.array([reacting[found.case_ids[row]] for row in rows], np.bool_),
@@ -387,7 +393,7 @@ def _natural(
             "conducts": _strings(table, "conduct"),
         },
         prevented=_prevented_masks(table),
-        avoidable=has_way_out(_column(table, "time_to_react_s"), after),
+        avoidable=has_way_out(_column(table, "time_to_react_s"), _own(table), after),
         avoidable_after_s=after,
         looked_at=np.array([case in drawn for case in found.case_ids], np.bool_),
         injury=_column(table, "av_injury_probability"),
