@@ -80,13 +80,6 @@ def _parts(name: str, counts: Mapping[Any, int], whole: int, total: str = "cases
         yield f'{name}" are {sum(counts.values())} together and "{total}" {whole}'
 
 
-def _at_most(whole: int, **counts: Mapping[Any, int]) -> Iterator[str]:
-    """Compare counts of some of the cases, each case in one or in none, with all."""
-    for name, each in counts.items():
-        if sum(each.values()) > whole:
-            yield f'{name}" are {sum(each.values())} together and "cases" {whole}'
-
-
 def _share(name: str, share: float, part: int, whole: int, total: str = "cases") -> Iterator[str]:
     """Compare a share with the counts that it is made of."""
     if part > whole or abs(share * whole - part) > 0.5:
@@ -137,7 +130,10 @@ def _of_analysed(found: Analysed) -> Iterator[str]:
     yield from _parts("crash_types", found.crash_types, found.cases)
     yield from _parts("striker", found.striker, found.cases)
     conducts = {} if found.own_doing is None else found.own_doing.conducts
-    yield from _at_most(found.cases, fault=found.fault, fault_rules=found.fault_rules, conducts=conducts)
+    some: dict[str, Mapping[Any, int]] = {"fault": found.fault, "fault_rules": found.fault_rules, "conducts": conducts}
+    for name, counts in some.items():
+        if sum(counts.values()) > found.cases:
+            yield f'{name}" are {sum(counts.values())} together and "cases" {found.cases}'
     for one in found.clusters:
         yield from _parts(f"clusters.{one.id}.crash_types", one.crash_types, one.size, "size")
     for name, quantiles in found.severity.items():
