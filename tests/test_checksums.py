@@ -74,7 +74,7 @@ def test_a_changed_value_of_an_object_is_refused(tmp_path: Path) -> None:
             read_json(path, "make it again")
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"[1]", b"\xff\xfe", b"[" * 100_000])
+@pytest.mark.parametrize("content", [b"", b"{", b"[1]", b"\xff\xfe", b"[" * 100_000, rb'{"a": ["\ud800"]}'])
 def test_what_is_no_object_is_refused(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "o.json"
     path.write_bytes(content)

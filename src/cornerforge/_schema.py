@@ -300,20 +300,26 @@ def _in_words(text: str) -> str:
 
 
 def parse(text: str, *, finite: bool = True) -> Any:
-    """Parse JSON strictly: what is there twice, or is no number of JSON, is no value to be believed.
+    """Parse JSON strictly: what is there twice, or is no number of JSON and no text, is no value to be believed.
 
     Args:
         text: The JSON.
         finite: Refuse NaN and infinite numbers; False: let them through, to a reader that names what they are.
 
     Raises:
-        ValueError: It is no JSON, has a key twice, a number that is not finite, or is nested too deeply.
+        ValueError: It is no JSON, has a key twice, a number that is not finite, or half a character, or is nested too
+            deeply.
     """
     numbers: dict[str, Any] = {"parse_constant": _no_number, "parse_float": _finite} if finite else {}
     try:
-        return json.loads(text, object_pairs_hook=_once, **numbers)
+        found = json.loads(text, object_pairs_hook=_once, **numbers)
+        if re.search(r"\\u[dD][89a-fA-F]", text):
+            json.dumps(found, ensure_ascii=False).encode()
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
+    except UnicodeEncodeError as error:
+        raise ValueError(f"the text {error.object[error.start]!a} is half a character") from None
+    return found
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

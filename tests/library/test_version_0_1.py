@@ -6,6 +6,7 @@ What else earlier versions wrote is made here of present files by taking away wh
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import warnings
 from pathlib import Path
@@ -164,3 +165,14 @@ def test_places_that_cannot_be_are_named(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="there already"):
         cornerforge.migrate(tmp_path / "old", out=tmp_path / "new")
     assert (tmp_path / "new").read_text(encoding="utf-8") == "mine"
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "leads-nowhere").symlink_to(tmp_path / "none")
+    for name in ("pipe", "leads-nowhere"):
+        with pytest.raises(OutputError, match="there already"):
+            cornerforge.migrate(OLD / "manifest.json", out=tmp_path / name)
+    for leads_to in ("..", "../new"):
+        (tmp_path / "old" / "link").unlink(missing_ok=True)
+        (tmp_path / "old" / "link").symlink_to(leads_to)
+        with pytest.raises(InputError, match="link is a link"):
+            cornerforge.migrate(tmp_path / "old", out=tmp_path / "other")
+    assert not (tmp_path / "other").exists()

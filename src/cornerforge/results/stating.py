@@ -63,7 +63,7 @@ def from_file(kind: type[T], path: Path, command: str) -> T:
     found = read(kind, content, str(path), f"write the file again with: {command}")
     fault = contradiction(found)
     if fault is not None:
-        raise FileFormatError(f"{path}: {fault}, which cannot both be true; write the file again with: {command}")
+        raise FileFormatError(f"{path}: {fault}, which cannot be true; write the file again with: {command}")
     return found
 
 

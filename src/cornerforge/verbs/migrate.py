@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import shutil
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -51,7 +53,7 @@ def migrate(options: Migrate) -> Migrated:
     logs are copied.
 
     Raises:
-        InputError: There is nothing at `library`, or `out` lies in it.
+        InputError: There is nothing at `library`, `out` lies in it, or a link does, which may lead out of it.
         FileFormatError: Something is damaged: nothing is left out silently.
         OutputError: `out` is there already, or cannot be written.
     """
@@ -60,14 +62,17 @@ def migrate(options: Migrate) -> Migrated:
         raise InputError(f"There is nothing at {old}; name a library, the folder of a run, or a file.")
     if old.resolve() in new.resolve().parents:
         raise InputError(f"{new} lies in {old}, which would be copied into itself; choose a place beside it.")
-    if new.is_file() or (new.is_dir() and any(not is_lock(entry.name) for entry in new.iterdir())):
+    if os.path.lexists(new) and not (new.is_dir() and all(is_lock(entry.name) for entry in new.iterdir())):
         raise OutputError(f"{new} is there already; choose a new place.")
+    if link := next((one for one in old.rglob("*") if one.is_symlink()), None):
+        raise InputError(f"{link} is a link, and within a folder none is followed; put there what it leads to.")
     (claim_folder if old.is_dir() else claim_file)(new)  # before anything of it could be removed
     try:
         cases, made_by = _bring(old, new, options.progress)
     except BaseException:  # Ctrl-C too: the old one is still there
         shutil.rmtree(new, ignore_errors=True)
-        new.unlink(missing_ok=True)
+        with suppress(OSError):
+            new.unlink()
         raise
     options.progress("migrate", cases, cases)
     return Migrated(library=str(new), cases=cases, made_by=made_by or "an earlier version")

@@ -17,6 +17,7 @@ from starlette.responses import RedirectResponse, Response
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from cornerforge._schema import parse
 from cornerforge.errors import CornerForgeError, FileFormatError, OutputError
 from cornerforge.ext.explorer.exhibit import Exhibit, UnknownKeyError
 from cornerforge.ext.explorer.room import UnavailableError
@@ -145,13 +146,9 @@ async def _body(request: Request) -> Any:
         if len(content) > _MOST_BYTES:
             raise HTTPException(413, f"That is too long; at most {_MOST_BYTES:,} bytes.")
     try:
-        return json.loads(content.decode("utf-8"), parse_constant=_no_constant)
-    except (ValueError, RecursionError):
+        return parse(content.decode())
+    except ValueError:
         raise HTTPException(400, "The body is not JSON.") from None
-
-
-def _no_constant(name: str) -> Any:
-    raise ValueError(name)
 
 
 def explorer_app(exhibit: Exhibit, page: Mapping[str, bytes]) -> Starlette:

@@ -169,12 +169,12 @@ def _read_csv(path: Path) -> tuple[pa.Table, dict[str, Any]]:
         if found is None:
             continue
         try:
-            value = json.loads(found[3])
+            value = parse(found[3])
             if found[2]:
-                facts[json.loads(found[2])] = value
+                facts[parse(found[2])] = value
             else:
                 about[{_MARK: "version"}.get(found[1], found[1])] = value
-        except (ValueError, RecursionError):
+        except ValueError:
             _fault(path.name, f"line {number} holds no JSON after the colon: {line[:60]}")
     body = "\n".join(lines[comments:]).encode()
     types = {field.name: field.type for field in arrow_fields(COLUMNS)}
@@ -209,9 +209,9 @@ def _read_parquet(path: Path) -> tuple[pa.Table, dict[str, Any]]:
         with pq.ParquetFile(path) as file:
             if file.metadata.num_rows > _MOST_ROWS:  # before they take memory
                 _fault(path.name, f"there are {file.metadata.num_rows:,} rows; 1 to {_MOST_ROWS:,} are read")
-            about = json.loads((file.schema_arrow.metadata or {}).get(_KEY, b"{}"))
+            about = parse((file.schema_arrow.metadata or {}).get(_KEY, b"{}").decode())
             table = file.read()
-    except (pa.ArrowException, ValueError, RecursionError) as error:
+    except (pa.ArrowException, ValueError) as error:
         if isinstance(error, FileFormatError):
             raise
         raise FileFormatError(f"{path.name} is no whole Parquet file: {str(error).splitlines()[0][:200]}.") from None
