@@ -95,11 +95,19 @@ class Statistics:
         return np.clip((observation - self._mean) / self._scale, -self._clip, self._clip).astype(np.float32)
 
 
+def _begins_as_one(path: Path) -> bool:
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return b"VecNormalize" in file.read(200)
+
+
 def statistics_for(said: str | None, network: Path) -> Statistics | None:
     """Read the statistics of a network: of the file that was said, or of the one beside it, by the usual names.
 
     `vec_normalize.pkl` and `vecnormalize.pkl` go with all files of the folder, `NAME_vecnormalize.pkl` with `NAME.zip`,
-    and `P_vecnormalize_1000_steps.pkl` with `P_1000_steps.zip`. An ONNX file may hold the normalisation itself.
+    and `P_vecnormalize_1000_steps.pkl` with `P_1000_steps.zip`. Statistics of another name, and in a folder beside (RL
+    Zoo's), are asked about. An ONNX file may hold the normalisation itself.
 
     Args:
         said: A file, or "none"; None: nothing was said.
@@ -110,14 +118,18 @@ def statistics_for(said: str | None, network: Path) -> Statistics | None:
         InputError: Some lie beside the network, and it is not clear which one to use.
     """
     if said is None:
+        folder = network.parent
         there = {
-            p: _NAME.sub("", p.stem).strip("_") for p in network.parent.glob("*ormalize*.pkl") if _NAME.search(p.stem)
+            p: _NAME.sub("", p.stem).strip("_")
+            for p in sorted((*folder.glob("*.pkl"), *folder.glob("*/*ormalize*.pkl")))
+            if _NAME.search(p.stem) or _begins_as_one(p)
         }
-        own = [p for p, of in there.items() if of == network.stem] or [p for p, of in there.items() if not of]
+        beside = {p: of for p, of in there.items() if p.parent == folder}
+        own = [p for p, of in beside.items() if of == network.stem] or [p for p, of in beside.items() if not of]
         if there and (len(own) != 1 or network.suffix.lower() != ".zip"):
             raise InputError(
-                f"Beside {network} lies {', '.join(sorted(p.name for p in there))}. Say by which file the observations "
-                "that go into the network were normalised: --av-statistics FILE, or --av-statistics none."
+                f"Beside {network} lies {', '.join(str(p.relative_to(folder)) for p in there)}. Say by which file the "
+                "observations that go into the network were normalised: --av-statistics FILE, or --av-statistics none."
             )
         said = str(own[0]) if own else "none"
     return None if said == "none" else Statistics(Path(said))
