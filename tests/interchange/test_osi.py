@@ -131,9 +131,30 @@ def test_without_velocities_they_are_differences(tmp_path: Path) -> None:
     for k in range(31):
         bare[1] = (2, [field for field in driven(AV, 0.1 * k).fields()[1][1] if field[0] < 4])
         frames.append(ground_truth(0.1 * k, [], host=0, more=((5, tuple(bare)),)))
-    case = read_osi(stream(path, frames), road=on_road(tmp_path))
-    np.testing.assert_allclose(case.poses[:, 0, SPEED], 20.0)
-    np.testing.assert_allclose(case.poses[:, 0, ACCELERATION], 0.0, atol=1e-9)
+    for road_of in (on_road(tmp_path), None):
+        case = read_osi(stream(path, frames), road=road_of)
+        np.testing.assert_allclose(case.poses[:, 0, SPEED], 20.0)
+        np.testing.assert_allclose(case.poses[:, 0, ACCELERATION], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("k", [0, 1], ids=["the AV", "object 1"])
+@pytest.mark.parametrize(
+    "after", [{"x": 15.0}, {"y": 3.0}, {"vx": 3.0}, {"vx": 15.0}], ids=["jump", "aside", "otherwise", "km/h"]
+)
+def test_what_moves_otherwise_than_its_velocity_says_is_refused(
+    tmp_path: Path, k: int, after: dict[str, float]
+) -> None:
+    things = [AV, Thing(1, 40.0, -6.0)]
+
+    def frame(at: int) -> bytes:
+        now = [driven(one, 0.1 * at) for one in things]
+        if at >= 20:
+            now[k] = replace(now[k], **{name: getattr(now[k], name) + by for name, by in after.items()})
+        return ground_truth(0.1 * at, now, host=0, more=())
+
+    path = stream(tmp_path / "t.osi", [frame(at) for at in range(40)])
+    with pytest.raises(DataError, match=r"t\.osi, frame \d+: .*moves otherwise than its velocity says"):
+        read_osi(path, road=on_road(tmp_path))
 
 
 @pytest.mark.parametrize(

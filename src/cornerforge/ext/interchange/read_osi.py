@@ -65,6 +65,11 @@ _CROSSING = 0.5
 _BACKWARDS = -0.1
 _ASIDE = 0.1
 """A vehicle that moves aside slower than this keeps its lane [m/s]."""
+_ASTRAY = ((1, 1.0), (10, 2.0))
+"""An object jumps if it is farther from where its velocity takes it, in as many frames [m]."""
+_RATES = (
+    (SPEED_X, POSITION_X), (SPEED_Y, POSITION_Y), (ACCELERATION_X, SPEED_X), (ACCELERATION_Y, SPEED_Y),
+)  # fmt: skip
 _CORNERS = ((1.0, 1.0, -1.0, -1.0), (1.0, -1.0, 1.0, -1.0))
 
 
@@ -198,7 +203,7 @@ def _resampled(path: Path, trace: Trace, av: int) -> tuple[Floats, Floats]:
         raise DataError(f"{path.name}: the AV drives for {seconds:.0f} s; up to {_LONGEST_S:.0f} s are read. Cut it.")
     times = given[0] + FRAME_S * np.arange(int((seconds + _SAME_TIME) / FRAME_S) + 1)
     if given.size == 1:
-        return times, states
+        return times, _with_rates(states)
     before = np.clip(np.searchsorted(given, times, side="right") - 1, 0, given.size - 2)
     part = (times - given[before]) / np.diff(given)[before]
     part[np.abs(part) < _SAME_TIME] = 0.0
@@ -206,7 +211,17 @@ def _resampled(path: Path, trace: Trace, av: int) -> tuple[Floats, Floats]:
     a, b, part = states[before], states[before + 1], part[:, None, None]
     step = b - a
     step[..., YAW] = np.mod(step[..., YAW] + math.pi, 2.0 * math.pi) - math.pi
-    return times, np.where(part == 0.0, a, np.where(part == 1.0, b, a + part * step))
+    return times, _with_rates(np.where(part == 0.0, a, np.where(part == 1.0, b, a + part * step)))
+
+
+def _with_rates(states: Floats) -> Floats:
+    """Put differences where an object has no velocity, or no acceleration, in one of its frames."""
+    there = np.isfinite(states[..., POSITION_X])
+    for k in range(states.shape[1]):
+        for given, of in _RATES:
+            if not np.isfinite(states[there[:, k], k, given]).all():
+                states[:, k, given] = rates(states[:, k, of], bent_ends=True)
+    return states
 
 
 def _poses(frame: Frame, states: Floats) -> Floats:
@@ -216,11 +231,7 @@ def _poses(frame: Frame, states: Floats) -> Floats:
     poses[..., HEADING] = np.mod(states[..., YAW] - frame.direction + math.pi, 2.0 * math.pi) - math.pi
     poses[..., SPEED], poses[..., LATERAL_SPEED] = frame.turned(states[..., SPEED_X], states[..., SPEED_Y])
     poses[..., ACCELERATION], _ = frame.turned(states[..., ACCELERATION_X], states[..., ACCELERATION_Y])
-    there = np.isfinite(poses[..., X])
     for k in range(states.shape[1]):
-        for given, of in ((SPEED, X), (LATERAL_SPEED, Y), (ACCELERATION, SPEED)):
-            if not np.isfinite(poses[there[:, k], k, given]).all():
-                poses[:, k, given] = rates(poses[:, k, of], bent_ends=True)
         poses[:, k, LANE] = _lanes(frame, poses[:, k])
     return poses
 
@@ -353,7 +364,20 @@ class _Scene:
         yield "drives against the AV's direction", turn < -_CROSSING
         yield "stands or drives across the road", np.abs(turn) <= _CROSSING
         yield "drives backwards", pose[:, SPEED] < _BACKWARDS
+        yield "moves otherwise than its velocity says", _jumps(pose)
         yield "is beside the lanes", there & ~self._in_lanes(pose, body)
+
+
+def _jumps(pose: Floats) -> Bools:
+    """Frames within a second of which an object is not where its velocity takes it, (F,)."""
+    far = np.zeros(len(pose), dtype=bool)
+    for place, speed in ((X, SPEED), (Y, LATERAL_SPEED)):
+        off = np.diff(pose[:, place]) - 0.5 * FRAME_S * (pose[1:, speed] + pose[:-1, speed])
+        for frames, most in _ASTRAY:
+            sums = np.convolve(np.append(0.0, np.nan_to_num(off)), np.ones(frames))
+            for at in np.flatnonzero(np.abs(sums) > most):
+                far[max(0, at - frames) : at + 1] = True
+    return far & np.isfinite(pose[:, X])
 
 
 def _gaps(own: Floats, body: Body, pose: Floats, other: Body) -> Floats:
