@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.errors import DataError, InputError, UnknownNameError
-from cornerforge.ext.interchange.differences import rates
+from cornerforge.ext.interchange.differences import jumps, rates
 from cornerforge.ext.interchange.osi_lanes import frame_of_traffic
 from cornerforge.ext.interchange.osi_messages import VEHICLE
 from cornerforge.ext.interchange.osi_trace import (
@@ -65,8 +65,6 @@ _CROSSING = 0.5
 _BACKWARDS = -0.1
 _ASIDE = 0.1
 """A vehicle that moves aside slower than this keeps its lane [m/s]."""
-_ASTRAY = ((1, 1.0), (10, 2.0))
-"""An object jumps if it is farther from where its velocity takes it, in as many frames [m]."""
 _RATES = (
     (SPEED_X, POSITION_X), (SPEED_Y, POSITION_Y), (ACCELERATION_X, SPEED_X), (ACCELERATION_Y, SPEED_Y),
 )  # fmt: skip
@@ -364,20 +362,8 @@ class _Scene:
         yield "drives against the AV's direction", turn < -_CROSSING
         yield "stands or drives across the road", np.abs(turn) <= _CROSSING
         yield "drives backwards", pose[:, SPEED] < _BACKWARDS
-        yield "moves otherwise than its velocity says", _jumps(pose)
+        yield "moves otherwise than its velocity says", jumps(pose)
         yield "is beside the lanes", there & ~self._in_lanes(pose, body)
-
-
-def _jumps(pose: Floats) -> Bools:
-    """Frames within a second of which an object is not where its velocity takes it, (F,)."""
-    far = np.zeros(len(pose), dtype=bool)
-    for place, speed in ((X, SPEED), (Y, LATERAL_SPEED)):
-        off = np.diff(pose[:, place]) - 0.5 * FRAME_S * (pose[1:, speed] + pose[:-1, speed])
-        for frames, most in _ASTRAY:
-            sums = np.convolve(np.append(0.0, np.nan_to_num(off)), np.ones(frames))
-            for at in np.flatnonzero(np.abs(sums) > most):
-                far[max(0, at - frames) : at + 1] = True
-    return far & np.isfinite(pose[:, X])
 
 
 def _gaps(own: Floats, body: Body, pose: Floats, other: Body) -> Floats:
