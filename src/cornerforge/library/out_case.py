@@ -19,7 +19,7 @@ from cornerforge.sim import Script, scripted
 from cornerforge.types import MAX_LANES, SUBSTEPS, Odd, Scenario
 
 __all__ = [
-    "MOST_VEHICLES", "NAME_PATTERN", "Fact", "MovingCase", "OutCase", "check_name", "fact_of_text", "plain_facts",
+    "MOST_VEHICLES", "NAME_PATTERN", "SECOND_LANE", "Fact", "MovingCase", "OutCase", "check_name", "fact_of_text", "plain_facts",
     "plain_text", "recorded_script", "safe_name", "script_of", "straight_on", "straight_road",
 ]  # fmt: skip
 
@@ -166,6 +166,10 @@ def fact_of_text(text: str) -> Fact:
     if isinstance(value, float) and math.isfinite(value) and ("." in text or json.dumps(value) == text):
         return value
     return text
+
+
+SECOND_LANE = "the road has one lane; another, to its left, was added, into which an AV may go"
+"""Note of a reader on a road of one lane (`straight_road`)."""
 
 
 def straight_road(

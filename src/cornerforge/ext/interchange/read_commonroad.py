@@ -25,7 +25,7 @@ from cornerforge.ext.interchange.commonroad import facts_of_source
 from cornerforge.ext.interchange.differences import jumps, rates
 from cornerforge.ext.interchange.straightening import Course, course_along
 from cornerforge.ext.interchange.xml_input import Element, read_xml
-from cornerforge.library.out_case import Fact, MovingCase, safe_name, straight_road
+from cornerforge.library.out_case import SECOND_LANE, Fact, MovingCase, safe_name, straight_road
 from cornerforge.types import CAR, FRAME_S, MOTORCYCLE, TRUCK, Odd
 
 __all__ = ["read_commonroad"]
@@ -508,6 +508,8 @@ def _make_case(
     if abs(poses[0, 0, X]) > _FAR_OFF:
         poses[:, :, X] -= poses[0, 0, X]
     fastest = float(np.nanmax(poses[:, :, SPEED]))
+    if road.lanes == 1:
+        notes.say(root, f"{SECOND_LANE[0].upper()}{SECOND_LANE[1:]}.")
     seconds = FRAME_S * (frames - 1)
     odd = straight_road(
         lanes=road.lanes,

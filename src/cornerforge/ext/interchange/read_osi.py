@@ -35,7 +35,7 @@ from cornerforge.ext.interchange.osi_trace import (
     read_trace,
 )
 from cornerforge.ext.interchange.read_opendrive import Frame, frame_of, read_opendrive
-from cornerforge.library.out_case import MOST_VEHICLES, Fact, MovingCase, plain_text, safe_name, straight_road
+from cornerforge.library.out_case import MOST_VEHICLES, SECOND_LANE, Fact, MovingCase, plain_text, safe_name, straight_road
 from cornerforge.types import CAR, FRAME_S, MOTORCYCLE, TRUCK
 
 __all__ = ["read_osi"]
@@ -107,6 +107,7 @@ def read_osi(path: Path, *, ego: str | None = None, road: Path | None = None) ->
     scene = _Scene(path, trace, av, times, states, poses, frame)
     kept = [k for k in range(len(trace.bodies)) if k == av or scene.keep(k)]
     scene.note_stationary()
+    scene.notes += [SECOND_LANE] * (frame.lanes == 1)
     kept.sort(key=lambda k: k != av)
     bodies = [trace.bodies[k] for k in kept]
     if len(kept) > MOST_VEHICLES:

@@ -26,9 +26,9 @@ from cornerforge._files import reason, writing
 from cornerforge._schema import parse
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.errors import DataError, FileFormatError, InputError
-from cornerforge.ext.interchange.differences import rates
+from cornerforge.ext.interchange.differences import jumps, rates
 from cornerforge.fields import Field
-from cornerforge.library.out_case import Fact, MovingCase, OutCase, safe_name, straight_road
+from cornerforge.library.out_case import SECOND_LANE, Fact, MovingCase, OutCase, safe_name, straight_road
 from cornerforge.types import CLASSES, FRAME_S, MAX_LANES, Scenario
 
 __all__ = ["COLUMNS", "read_table", "write_table"]
@@ -63,6 +63,8 @@ _LIMITS = {
     "frame": (0, _MOST_FRAMES - 1), "slot": (0, _MOST_SLOT), "lane": (0, MAX_LANES - 1),
 }  # fmt: skip
 _FARTHEST_M = 15.0
+_SLACK = 1.5
+"""Factor of what `jumps` bears."""
 """A vehicle goes at most as far from one frame to the next: 150 m/s."""
 _POSES = {
     "x_m": X, "y_m": Y, "speed_mps": SPEED, "heading_rad": HEADING, "acceleration_mps2": ACCELERATION, "lane": LANE,
@@ -177,6 +179,8 @@ def _read_csv(path: Path) -> tuple[pa.Table, dict[str, Any]]:
         except (ValueError, RecursionError):
             _fault(path.name, f"line {number} holds no JSON after the colon: {line[:60]}")
     body = "\n".join(lines[comments:]).encode()
+    if "".join(lines[comments : comments + 1]).strip() and "," not in lines[comments]:
+        _fault(path.name, f"line {comments + 1} holds no comma; put commas between fields, and points into numbers")
     types = {field.name: field.type for field in arrow_fields(COLUMNS)}
     try:
         table = pa_csv.read_csv(
@@ -185,7 +189,8 @@ def _read_csv(path: Path) -> tuple[pa.Table, dict[str, Any]]:
             convert_options=pa_csv.ConvertOptions(column_types=types, strings_can_be_null=True),
         )
     except pa.ArrowInvalid as error:
-        _fault(path.name, f"below line {comments} it is no such table: {str(error).splitlines()[0][:200]}")
+        after = f" after line {comments}" if comments else ""
+        _fault(path.name, f"it is no such table{after}: {str(error).splitlines()[0][:200]}")
     return table, about
 
 
@@ -229,7 +234,11 @@ def _checked(name: str, table: pa.Table) -> dict[str, NDArray[Any]]:
     """
     missing = [column.name for column in COLUMNS if table.column_names.count(column.name) != 1]
     if missing:
-        _fault(name, f"a case needs each of these columns once: {', '.join(missing)}")
+        _fault(
+            name,
+            f"a case needs each of these columns once: {', '.join(missing)} (recorded traffic in other columns: "
+            "cornerforge cases from-data)",
+        )
     if not 1 <= table.num_rows <= _MOST_ROWS:
         raise DataError(f"{name}: there are {table.num_rows:,} rows; 1 to {_MOST_ROWS:,} are read.")
     columns: dict[str, NDArray[Any]] = {}
@@ -282,8 +291,14 @@ def _case_of(name: str, columns: dict[str, NDArray[Any]], about: dict[str, Any])
     )  # fmt: skip
     for at in range(slots.size):
         poses[:, at, LATERAL_SPEED] = rates(poses[:, at, Y])
+        away = jumps(poses[:, at], _SLACK)
+        if away.any():
+            raise DataError(
+                f"{name}: slot {slots[at]} is not where its speed takes it, about frame {first + int(away.argmax())}."
+            )
     there = np.isfinite(poses[:, :, X]).any(axis=0)
-    notes = tuple(f"slot {gone} is left out: it is not there while the AV is." for gone in slots[~there])
+    notes = [f"slot {gone} is left out: it is not there while the AV is." for gone in slots[~there]]
+    notes += [SECOND_LANE] * (lanes == 1)
     stem = safe_name(str(about.get("name") or Path(name).stem))
     facts: dict[str, Fact] = {
         str(key): value
@@ -291,7 +306,7 @@ def _case_of(name: str, columns: dict[str, NDArray[Any]], about: dict[str, Any])
         if value is None or isinstance(value, (bool, int, float, str))
     }
     return MovingCase(
-        stem, odd, kind[there], length[there], width[there], poses[:, there], facts, notes,
+        stem, odd, kind[there], length[there], width[there], poses[:, there], facts, tuple(notes),
         tuple(f"slot {one}" for one in slots[there]),
     )  # fmt: skip
 
