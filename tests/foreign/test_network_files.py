@@ -328,7 +328,7 @@ def test_a_policy_class_of_its_user_is_not_taken_for_mlp_policy(tmp_path: Path) 
         pass
 
     model_of("PPO", "unit", policy=Own).save(tmp_path / "net.zip")
-    with pytest.raises(FileFormatError, match="policy_class is .*test_network_files, whose code is not in the file"):
+    with pytest.raises(FileFormatError, match=r"policy_class is .*test_network_files, whose code is not in the file"):
         load_av(str(tmp_path / "net.zip"))
 
 

@@ -407,7 +407,9 @@ def in_kmh(text: str) -> str:
 def test_an_av_that_moves_otherwise_than_its_velocity_says_is_refused(tmp_path: Path) -> None:
     text = scenario_text(turned_by(0.0))
     assert read(tmp_path, text, ego=32).av_is_recorded
-    with pytest.raises(DataError, match=r"line \d+: the AV, dynamicObstacle 32, cannot drive as recorded: it is not where"):
+    with pytest.raises(
+        DataError, match=r"line \d+: the AV, dynamicObstacle 32, cannot drive as recorded: it is not where"
+    ):
         read(tmp_path, in_kmh(text), ego=32)
 
 

@@ -39,7 +39,7 @@ from cornerforge.errors import (
 from cornerforge.ext.interchange import osi_messages
 from cornerforge.ext.interchange.read_osi import read_osi
 from cornerforge.ext.interchange.write_osi import write_osi
-from cornerforge.library.out_case import SECOND_LANE, OutCase
+from cornerforge.library.out_case import ONE_LANE, OutCase
 from cornerforge.types import Scenario
 
 pytest.importorskip("google.protobuf", reason="protobuf is not installed (the extra osi)")
@@ -341,7 +341,7 @@ def test_a_road_of_one_lane_gets_another_and_says_so(tmp_path: Path) -> None:
     case = read_osi(scene(tmp_path / "t.osi", AV, AHEAD))
     assert case.odd.n_lanes == 2
     assert any("its 1 lanes" in note for note in case.notes)
-    assert SECOND_LANE in case.notes
+    assert ONE_LANE in case.notes
 
 
 def test_without_a_road_a_bend_is_seen(tmp_path: Path) -> None:

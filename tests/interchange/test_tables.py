@@ -22,7 +22,7 @@ from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED
 from cornerforge.errors import CornerForgeError, DataError, FileFormatError, InputError
 from cornerforge.experiment.setting import RECORDED_AV, experiment
 from cornerforge.ext.interchange.tables import COLUMNS, read_table, write_table
-from cornerforge.library.out_case import SECOND_LANE, Fact, OutCase, script_of
+from cornerforge.library.out_case import ONE_LANE, Fact, OutCase, script_of
 from cornerforge.types import Scenario
 
 FACTS: dict[str, Fact] = {"av": 'the "old" one; yes', "rate_per_mile": 1.5e-7, "judge": None, "found": True}
@@ -173,8 +173,16 @@ BAD: dict[str, tuple[Callable[[str], str], type[CornerForgeError], str]] = {
     "half a road": (change('"lanes": 3', '"lane": 3'), FileFormatError, "needs lanes"),
     "no JSON": (change('{"lanes"', '{lanes"'), FileFormatError, "line 3 holds no JSON"),
     "of tomorrow": (change("cornerforge case: 1", "cornerforge case: 2"), FileFormatError, "of version 2; 1 is read"),
-    "semicolons": (lambda text: re.sub(r"(?m)^([^#].*)$", semicolons, text), FileFormatError, "holds no comma; put commas"),
-    "in km/h": (lambda text: text.replace(",6.000000,30.0", ",6.000000,72.0"), DataError, "slot 0 is not where its speed takes it, about f"),
+    "semicolons": (
+        lambda text: re.sub(r"(?m)^([^#].*)$", semicolons, text),
+        FileFormatError,
+        "holds no comma; put commas",
+    ),
+    "in km/h": (
+        lambda text: text.replace(",6.000000,30.0", ",6.000000,72.0"),
+        DataError,
+        "slot 0 is not where its speed takes it",
+    ),
     "no column": (change(",lane\n", ",lame\n"), FileFormatError, "each of these columns once: lane"),
     "endless": (row_changed(3, "frame", "700000"), DataError, "frame = 700000 in row 3"),
 }
@@ -198,7 +206,7 @@ def test_a_road_of_one_lane_gets_another_and_says_so(tmp_path: Path) -> None:
     facts = tmp_path / "t.facts.json"
     facts.write_text(facts.read_text().replace('"lanes": 3', '"lanes": 1'))
     case = read_table(path)
-    assert (case.odd.n_lanes, case.notes) == (2, (SECOND_LANE,))
+    assert (case.odd.n_lanes, case.notes) == (2, (ONE_LANE,))
 
 
 def test_other_endings_and_files_are_refused(tmp_path: Path) -> None:

@@ -95,19 +95,11 @@ class Statistics:
         return np.clip((observation - self._mean) / self._scale, -self._clip, self._clip).astype(np.float32)
 
 
-def _begins_as_one(path: Path) -> bool:
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return b"VecNormalize" in file.read(200)
-
-
 def statistics_for(said: str | None, network: Path) -> Statistics | None:
     """Read the statistics of a network: of the file that was said, or of the one beside it, by the usual names.
 
     `vec_normalize.pkl` and `vecnormalize.pkl` go with all files of the folder, `NAME_vecnormalize.pkl` with `NAME.zip`,
-    and `P_vecnormalize_1000_steps.pkl` with `P_1000_steps.zip`. Statistics of another name, and in a folder beside (RL
-    Zoo's), are asked about. An ONNX file may hold the normalisation itself.
+    and `P_vecnormalize_1000_steps.pkl` with `P_1000_steps.zip`. Others, or in a folder beside, are asked about.
 
     Args:
         said: A file, or "none"; None: nothing was said.
@@ -115,14 +107,15 @@ def statistics_for(said: str | None, network: Path) -> Statistics | None:
 
     Raises:
         FileFormatError: The file holds none.
-        InputError: Some lie beside the network, and it is not clear which one to use.
+        InputError: Some lie beside the network, and it is not clear which one to use (ONNX may hold its own).
     """
     if said is None:
         folder = network.parent
         there = {
             p: _NAME.sub("", p.stem).strip("_")
             for p in sorted((*folder.glob("*.pkl"), *folder.glob("*/*ormalize*.pkl")))
-            if _NAME.search(p.stem) or _begins_as_one(p)
+            if p.parent == folder or not any(p.parent.glob("*.zip"))
+            if _NAME.search(p.stem) or (p.is_file() and b"VecNormalize" in np.fromfile(p, np.uint8, 200).tobytes())
         }
         beside = {p: of for p, of in there.items() if p.parent == folder}
         own = [p for p, of in beside.items() if of == network.stem] or [p for p, of in beside.items() if not of]

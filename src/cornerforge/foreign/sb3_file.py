@@ -31,7 +31,6 @@ _PARTS = {
     "features_extractor_class": r"<class 'stable_baselines3\.common\.torch_layers\.FlattenExtractor'>",
     "activation_fn": rf"<class 'torch\.nn\.modules\.activation\.({'|'.join(_ACTIVATIONS)})'>",
 }
-"""Parts that a user may replace by code -> their forms that are known."""
 _FAMILIES = (
     # what marks it, layers before the last, the last, activation by default, one that is so made, actions are squashed
     ("q_net.q_net.0.weight", "q_net.q_net", None, "ReLU", "DQN", False),
@@ -90,7 +89,13 @@ class Sb3Av(NetworkAv):
         if last is not None:
             layers.append((weights[f"{last}.weight"], weights[f"{last}.bias"]))
         kwargs = settings.get("policy_kwargs") or {}
-        _check_parts(name, settings, kwargs)
+        parts = {"policy_class": (settings.get("policy_class") or {}).get("__module__"), **kwargs}
+        for part, known in _PARTS.items():
+            if parts.get(part) is not None and not re.fullmatch(known, str(parts[part])):
+                raise FileFormatError(
+                    f"{name}: {part} is {str(parts[part])[:80]}, whose code is not in the file. Known activations: "
+                    f"{', '.join(_ACTIVATIONS)}. Give an object with predict, or ONNX."
+                )
         chosen = str(kwargs["activation_fn"])[:-2].rpartition(".")[2] if "activation_fn" in kwargs else activation
         if kwargs.get("squash_output"):
             raise FileFormatError(f"{name} was trained with squash_output, which is not supported; train without.")
@@ -158,17 +163,6 @@ def _read(name: str, content: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
     if not isinstance(settings, dict) or not isinstance(weights, dict):
         raise FileFormatError(f"{name} is no file of Stable-Baselines3 (its parts are of other kinds).")
     return settings, {str(key): value for key, value in weights.items()}
-
-
-def _check_parts(name: str, settings: dict[str, Any], kwargs: dict[str, Any]) -> None:
-    """Refuse a policy with parts that are not Stable-Baselines3's own: their code is not in the file."""
-    parts = {"policy_class": (settings.get("policy_class") or {}).get("__module__"), **kwargs}
-    for part, known in _PARTS.items():
-        if parts.get(part) is not None and not re.fullmatch(known, str(parts[part])):
-            raise FileFormatError(
-                f"{name}: {part} is {str(parts[part])[:80]}, whose code is not in the file. Known activations: "
-                f"{', '.join(_ACTIVATIONS)}. Give an object with predict, or export the policy to ONNX."
-            )
 
 
 def _chain(weights: dict[str, Any], prefix: str) -> list[tuple[Any, Any]]:

@@ -19,8 +19,8 @@ from cornerforge.sim import Script, scripted
 from cornerforge.types import MAX_LANES, SUBSTEPS, Odd, Scenario
 
 __all__ = [
-    "MOST_VEHICLES", "NAME_PATTERN", "SECOND_LANE", "Fact", "MovingCase", "OutCase", "check_name", "fact_of_text", "plain_facts",
-    "plain_text", "recorded_script", "safe_name", "script_of", "straight_on", "straight_road",
+    "MOST_VEHICLES", "NAME_PATTERN", "ONE_LANE", "Fact", "MovingCase", "OutCase", "check_name", "fact_of_text",
+    "plain_facts", "plain_text", "recorded_script", "safe_name", "script_of", "straight_on", "straight_road",
 ]  # fmt: skip
 
 Fact: TypeAlias = bool | int | float | str | None
@@ -168,7 +168,7 @@ def fact_of_text(text: str) -> Fact:
     return text
 
 
-SECOND_LANE = "the road has one lane; another, to its left, was added, into which an AV may go"
+ONE_LANE = "the road has one lane; another, to its left, was added, into which an AV may go"
 """Note of a reader on a road of one lane (`straight_road`)."""
 
 

@@ -41,7 +41,7 @@ class Dialect:
 def dialect_of(head: bytes) -> tuple[Dialect, list[str], int]:
     r"""Tell from the first bytes of a file how it is written; returns that, the lines, and how many come before these.
 
-    Lines before the header are empty, a comment (#), or a spreadsheet's word on the delimiter (sep=).
+    Those before the header are empty, a comment (#), or a spreadsheet's word on the delimiter (sep=).
 
     >>> dialect_of("sep=;\r\nt_s;v_mps\r\n0;1,5".encode("utf-16"))
     (Dialect(encoding='utf-16-le', delimiter=';'), ['t_s;v_mps', '0;1,5'], 1)

@@ -61,8 +61,6 @@ __all__ = [
 
 _BACKWARDS = 2.0
 """Faster reversing than this [m/s] is a tracking error; slower reversing is noise of a standing vehicle."""
-_MANY = 0.05
-"""A share of vehicles that is no accident."""
 _FREE = -2
 """Partner of a driver that is known to have no leader; -1 means that the leader is not known."""
 
@@ -225,8 +223,8 @@ def read_rows(path: Path, data_format: str, *, scene: bool = False) -> Rows:
     numbers = {name: column for name, column in layout.numbers.items() if column[0] in header}
     texts = {name: column for name, column in layout.texts.items() if column in header}
     table = read_table(path, numbers, texts)
-    for name in (*layout.optional, "width"):
-        if np.all(np.isnan(table.numbers.get(name, np.nan)) & (table.texts.get(name, np.array(-1)) < 0)):  # an empty column is none
+    for name in (*layout.optional, "width"):  # an empty column is none
+        if np.isnan(table.numbers.get(name, np.nan)).all() and np.max(table.texts.get(name, -1)) < 0:
             table.numbers.pop(name, None)
             table.texts.pop(name, None)
     notes += [*table.notes, *check_rows(table, layout)]
@@ -238,14 +236,10 @@ def read_rows(path: Path, data_format: str, *, scene: bool = False) -> Rows:
 
 
 def _lane_note(table: Table) -> list[str]:
-    """Note that many vehicles are in lane 0 throughout, which stands for an unknown lane."""
+    """Note that vehicles, more than 5 %, are in lane 0 throughout, which stands for an unknown lane."""
     known = np.bincount(drivers(table), weights=table.numbers.get("lane", np.ones(table.line.size)) > 0.0)
-    if np.mean(known == 0.0) < _MANY:
-        return []
-    return [
-        f"{table.name}: {np.count_nonzero(known == 0.0):,} vehicle(s) are in lane 0 throughout, which means that the "
-        "lane is not known; number lanes from 1."
-    ]
+    said = f"{table.name}: vehicles are in lane 0 throughout, which means that it is not known; number lanes from 1."
+    return [said] if np.mean(known == 0.0) > 0.05 else []
 
 
 def _with_scene(layout: Layout, scene: Scene) -> Layout:

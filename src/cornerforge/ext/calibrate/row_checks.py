@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.errors import DataError
 from cornerforge.ext.calibrate.layouts import Layout
 from cornerforge.ext.calibrate.tables import Table
 
@@ -32,8 +31,6 @@ PLAUSIBLE_LENGTH = (2.5, 10.0)
 """The median vehicle length is within this [m]: cars have 4 to 5, which in feet are 13 to 16."""
 _LENGTH_RANGE = (1.0, 40.0)
 _WIDTH_RANGE = (0.3, 4.0)
-_LONGEST_STEP = 5.0
-"""Rows of a vehicle that are usually farther apart tell nothing of how it drives [s]."""
 _STEP_TOLERANCE = 0.1
 """Two time steps that differ by less than this share are the same."""
 _POSITION_LIMIT = 1e7
@@ -49,9 +46,6 @@ def check_rows(table: Table, layout: Layout) -> list[str]:
 
     Returns:
         Notes on the file as a whole, one or two plain sentences each.
-
-    Raises:
-        DataError: Rows of a vehicle are usually more than 5 s apart.
     """
     for name in list(table.texts):
         if name != "leader" or layout.kind == "pairs":  # a track without a leader names none
@@ -65,12 +59,6 @@ def check_rows(table: Table, layout: Layout) -> list[str]:
     _check_ranges(table, layout)
     _drop_twins(table, layout)
     notes += _sort(table, layout)
-    step = time_step(drivers(table), table.numbers["time"])
-    if step > _LONGEST_STEP:
-        raise DataError(
-            f"{table.name} has a row every {step:g} s for each vehicle, by {layout.numbers['time'][0]}: are times in "
-            "milliseconds? Give seconds."
-        )
     _drop_other_steps(table, layout)
     return notes
 

@@ -146,8 +146,7 @@ def _header(path: Path) -> tuple[list[str], Dialect, int]:
         )
     if len(names) == 1:
         raise DataError(
-            f'Trajectory file {path} has one field in line {before + 1}, "{line[:60]}"; commas, semicolons or tabs must '
-            "stand between fields."
+            f"Trajectory file {path} has one field in line {before + 1}; put commas, semicolons or tabs between fields."
         )
     if len(first) == len(names) + 1 and not first[-1].strip():
         names.append("")  # a delimiter ends each row, but not the header

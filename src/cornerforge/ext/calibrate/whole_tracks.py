@@ -49,8 +49,8 @@ def cut_tracks(table: Table, layout: Layout) -> list[str]:
         same = np.diff(drivers(table)) == 0
         column = layout.numbers["position"][0]
         notes += speed_note(table.name, column, np.diff(position)[same] / np.diff(table.numbers["time"])[same])
-        where = f"jumps (faster than {SPEED_RANGE[1]:g} m/s)"
-        table.drop(f"{column} {where}", _astray(table, position, _across(table, layout)))
+        astray = _astray(table, position, _across(table, layout))
+        table.drop(f"{column} jumps (faster than {SPEED_RANGE[1]:g} m/s)", astray)
     time, same = table.numbers["time"], np.diff(drivers(table)) == 0
     cuts = np.diff(time) > _LONGEST_GAP
     if "position" in table.numbers:
@@ -64,11 +64,12 @@ def cut_tracks(table: Table, layout: Layout) -> list[str]:
     table.part = np.concatenate([[0], np.cumsum(cuts)])
     if not cuts.any():
         return notes
+    hint = " Are times in other units?" if cuts.mean() > 0.5 else ""
     return [
         *notes,
         f"{table.name}: tracks were cut at {int(cuts.sum())} place(s) (first at line "
         f"{int(table.line[1:][cuts].min())}), where a name goes on after more than {_LONGEST_GAP:g} s, farther away "
-        "than a vehicle drives, or with another size or class; each part counts as a vehicle.",
+        f"than a vehicle drives, or with another size or class; each part counts as a vehicle.{hint}",
     ]  # fmt: skip
 
 
@@ -100,8 +101,7 @@ def _astray(table: Table, position: Floats, across: Floats) -> Bools:
     if position.size < 3:
         return astray
     leap = _leaps(time, position, across)
-    goes_on = ~_leaps(time, position, across, 2)
-    astray[1:-1] = leap[:-1] & leap[1:] & goes_on & (driver[2:] == driver[:-2])
+    astray[1:-1] = leap[:-1] & leap[1:] & ~_leaps(time, position, across, 2) & (driver[2:] == driver[:-2])
     return astray
 
 

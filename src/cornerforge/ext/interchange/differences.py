@@ -42,15 +42,12 @@ def rates(values: NDArray[np.float64], *, bent_ends: bool = False) -> NDArray[np
     return found
 
 
-def jumps(pose: NDArray[np.float64], slack: float = 1.0) -> NDArray[np.bool_]:
-    """Mark the frames within a second of which an object is not where its velocity takes it.
+def jumps(pose: NDArray[np.float64], slack: float = 1.5) -> NDArray[np.bool_]:
+    """Mark the frames, bool (F,), within a second of which an object is not where its velocity takes it.
 
     Args:
-        pose: Poses on rails, (F, `rails.POSE_NUMBERS`); NaN where it is absent.
-        slack: Factor of 1 m after a frame and 2 m after ten, which are borne.
-
-    Returns:
-        Bool, (F,); False where it is absent.
+        pose: Poses on rails, (F, `rails.POSE_NUMBERS`); NaN where it is absent, which is no jump.
+        slack: Factor of 1 m after a frame and 2 m after ten, which are borne; recordings are noisier than simulators.
     """
     far = np.zeros(len(pose), dtype=bool)
     for place, speed in ((X, SPEED), (Y, LATERAL_SPEED)):

@@ -75,21 +75,13 @@ def play_openscenario(path: Path, *, ego: str | None = None, road: Path | None =
                     "scenario that ends."
                 ) from None
             finally:
-                _end(player)
+                with suppress(ProcessLookupError, PermissionError):  # and what it started: it may be a script
+                    os.killpg(player.pid, signal.SIGKILL) if os.name == "posix" else player.kill()
+                player.wait()
             said.seek(-min(_READ, said.tell()), os.SEEK_END)
-            lines = said.read().decode("utf-8", "replace").split("\n")
+            last = said.read().decode("utf-8", "replace").strip().rpartition("\n")[2] or "no word"
         if status or not trace.is_file():
-            last = next((line for line in reversed(lines) if line.strip()), "no word")
-            without = "" if status else " and wrote no trace"
-            raise DataError(f"{path.name}: esmini ended with status {status}{without}: {last.strip()[:_SHOWN]}")
+            ended = f"status {status}" if status else "status 0 and wrote no trace"
+            raise DataError(f"{path.name}: esmini ended with {ended}: {last[:_SHOWN]}")
         case = read_osi(trace, ego=ego, road=road)
     return replace(case, facts={**case.facts, "source": path.name, "format": f"OpenSCENARIO, {case.facts['format']}"})
-
-
-def _end(player: subprocess.Popen[bytes]) -> None:
-    """End the program, and what it started: it may be a script around esmini."""
-    if os.name == "posix":
-        with suppress(ProcessLookupError, PermissionError):
-            os.killpg(player.pid, signal.SIGKILL)
-    player.kill()
-    player.wait()

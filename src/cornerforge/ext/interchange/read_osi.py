@@ -35,7 +35,7 @@ from cornerforge.ext.interchange.osi_trace import (
     read_trace,
 )
 from cornerforge.ext.interchange.read_opendrive import Frame, frame_of, read_opendrive
-from cornerforge.library.out_case import MOST_VEHICLES, SECOND_LANE, Fact, MovingCase, plain_text, safe_name, straight_road
+from cornerforge.library.out_case import MOST_VEHICLES, ONE_LANE, Fact, MovingCase, plain_text, safe_name, straight_road
 from cornerforge.types import CAR, FRAME_S, MOTORCYCLE, TRUCK
 
 __all__ = ["read_osi"]
@@ -65,9 +65,6 @@ _CROSSING = 0.5
 _BACKWARDS = -0.1
 _ASIDE = 0.1
 """A vehicle that moves aside slower than this keeps its lane [m/s]."""
-_RATES = (
-    (SPEED_X, POSITION_X), (SPEED_Y, POSITION_Y), (ACCELERATION_X, SPEED_X), (ACCELERATION_Y, SPEED_Y),
-)  # fmt: skip
 _CORNERS = ((1.0, 1.0, -1.0, -1.0), (1.0, -1.0, 1.0, -1.0))
 
 
@@ -107,7 +104,7 @@ def read_osi(path: Path, *, ego: str | None = None, road: Path | None = None) ->
     scene = _Scene(path, trace, av, times, states, poses, frame)
     kept = [k for k in range(len(trace.bodies)) if k == av or scene.keep(k)]
     scene.note_stationary()
-    scene.notes += [SECOND_LANE] * (frame.lanes == 1)
+    scene.notes += [ONE_LANE] * (frame.lanes == 1)
     kept.sort(key=lambda k: k != av)
     bodies = [trace.bodies[k] for k in kept]
     if len(kept) > MOST_VEHICLES:
@@ -217,7 +214,8 @@ def _with_rates(states: Floats) -> Floats:
     """Put differences where an object has no velocity, or no acceleration, in one of its frames."""
     there = np.isfinite(states[..., POSITION_X])
     for k in range(states.shape[1]):
-        for given, of in _RATES:
+        sources = (POSITION_X, POSITION_Y, SPEED_X, SPEED_Y)
+        for given, of in zip(range(SPEED_X, ACCELERATION_Y + 1), sources, strict=True):
             if not np.isfinite(states[there[:, k], k, given]).all():
                 states[:, k, given] = rates(states[:, k, of], bent_ends=True)
     return states
@@ -363,7 +361,7 @@ class _Scene:
         yield "drives against the AV's direction", turn < -_CROSSING
         yield "stands or drives across the road", np.abs(turn) <= _CROSSING
         yield "drives backwards", pose[:, SPEED] < _BACKWARDS
-        yield "moves otherwise than its velocity says", jumps(pose)
+        yield "moves otherwise than its velocity says", jumps(pose, 1.0)
         yield "is beside the lanes", there & ~self._in_lanes(pose, body)
 
 

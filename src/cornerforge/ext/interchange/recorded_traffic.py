@@ -36,7 +36,6 @@ from cornerforge.ext.calibrate.row_checks import MEAN_LENGTH, drivers
 from cornerforge.ext.calibrate.tables import Table, file_sha256
 from cornerforge.ext.calibrate.whole_tracks import direction_of_travel, position_along
 from cornerforge.ext.interchange.differences import rates
-from cornerforge.library.out_case import SECOND_LANE
 from cornerforge.types import CAR, CLASSES, FRAME_S, MAX_LANES, MOTORCYCLE, TRUCK
 
 __all__ = ["Traffic", "TrafficFile", "read_traffic"]
@@ -228,11 +227,10 @@ def _read_file(path: Path, data_format: str) -> list[Traffic]:
     if not any(part is not None for part in parts):
         reasons = "; ".join(f"{reason} ({count})" for reason, (count, _) in table.bad.reasons.items())
         raise DataError(f"Trajectory file {path} holds no stretch of {_SHORT_WINDOW:g} s on the road: {reasons}.")
-    one_lane = [f"{path.name}: {SECOND_LANE}."] if any(part is not None and part.lanes == 1 for part in parts) else []
     file = TrafficFile(
         name=path.name, sha256=file_sha256(path), layout=layout.name,
         credit=CREDITS.get(data_format, _UNKNOWN_CREDIT), window=scene.window,
-        rows_read=table.rows_read, left_out=dict(table.bad.reasons), notes=(*rows.notes, *_sizes_note(table), *one_lane),
+        rows_read=table.rows_read, left_out=dict(table.bad.reasons), notes=(*rows.notes, *_sizes_note(table)),
     )  # fmt: skip
     return [replace(part, file=file) for part in parts if part is not None]
 

@@ -28,7 +28,7 @@ from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED
 from cornerforge.errors import DataError, FileFormatError, InputError
 from cornerforge.ext.interchange.differences import jumps, rates
 from cornerforge.fields import Field
-from cornerforge.library.out_case import SECOND_LANE, Fact, MovingCase, OutCase, safe_name, straight_road
+from cornerforge.library.out_case import ONE_LANE, Fact, MovingCase, OutCase, safe_name, straight_road
 from cornerforge.types import CLASSES, FRAME_S, MAX_LANES, Scenario
 
 __all__ = ["COLUMNS", "read_table", "write_table"]
@@ -63,8 +63,6 @@ _LIMITS = {
     "frame": (0, _MOST_FRAMES - 1), "slot": (0, _MOST_SLOT), "lane": (0, MAX_LANES - 1),
 }  # fmt: skip
 _FARTHEST_M = 15.0
-_SLACK = 1.5
-"""Factor of what `jumps` bears."""
 """A vehicle goes at most as far from one frame to the next: 150 m/s."""
 _POSES = {
     "x_m": X, "y_m": Y, "speed_mps": SPEED, "heading_rad": HEADING, "acceleration_mps2": ACCELERATION, "lane": LANE,
@@ -189,8 +187,7 @@ def _read_csv(path: Path) -> tuple[pa.Table, dict[str, Any]]:
             convert_options=pa_csv.ConvertOptions(column_types=types, strings_can_be_null=True),
         )
     except pa.ArrowInvalid as error:
-        after = f" after line {comments}" if comments else ""
-        _fault(path.name, f"it is no such table{after}: {str(error).splitlines()[0][:200]}")
+        _fault(path.name, f"it is no such table: {str(error).splitlines()[0][:200]}")
     return table, about
 
 
@@ -234,11 +231,7 @@ def _checked(name: str, table: pa.Table) -> dict[str, NDArray[Any]]:
     """
     missing = [column.name for column in COLUMNS if table.column_names.count(column.name) != 1]
     if missing:
-        _fault(
-            name,
-            f"a case needs each of these columns once: {', '.join(missing)} (recorded traffic in other columns: "
-            "cornerforge cases from-data)",
-        )
+        _fault(name, f"a case needs each of these columns once: {', '.join(missing)}")
     if not 1 <= table.num_rows <= _MOST_ROWS:
         raise DataError(f"{name}: there are {table.num_rows:,} rows; 1 to {_MOST_ROWS:,} are read.")
     columns: dict[str, NDArray[Any]] = {}
@@ -291,14 +284,11 @@ def _case_of(name: str, columns: dict[str, NDArray[Any]], about: dict[str, Any])
     )  # fmt: skip
     for at in range(slots.size):
         poses[:, at, LATERAL_SPEED] = rates(poses[:, at, Y])
-        away = jumps(poses[:, at], _SLACK)
-        if away.any():
-            raise DataError(
-                f"{name}: slot {slots[at]} is not where its speed takes it, about frame {first + int(away.argmax())}."
-            )
+        if jumps(poses[:, at]).any():
+            raise DataError(f"{name}: slot {slots[at]} is not where its speed takes it.")
     there = np.isfinite(poses[:, :, X]).any(axis=0)
     notes = [f"slot {gone} is left out: it is not there while the AV is." for gone in slots[~there]]
-    notes += [SECOND_LANE] * (lanes == 1)
+    notes += [ONE_LANE] * (lanes == 1)
     stem = safe_name(str(about.get("name") or Path(name).stem))
     facts: dict[str, Fact] = {
         str(key): value
