@@ -89,11 +89,11 @@ class Sb3Av(NetworkAv):
         if last is not None:
             layers.append((weights[f"{last}.weight"], weights[f"{last}.bias"]))
         kwargs = settings.get("policy_kwargs") or {}
-        parts = {"policy_class": (settings.get("policy_class") or {}).get("__module__"), **kwargs}
+        made = {"policy_class": (settings.get("policy_class") or {}).get("__module__"), **kwargs}
         for part, known in _PARTS.items():
-            if parts.get(part) is not None and not re.fullmatch(known, str(parts[part])):
+            if made.get(part) is not None and not re.fullmatch(known, str(made[part])):
                 raise FileFormatError(
-                    f"{name}: {part} is {str(parts[part])[:80]}, whose code is not in the file. Known activations: "
+                    f"{name}: {part} is {str(made[part])[:80]}, whose code is not in the file. Known activations: "
                     f"{', '.join(_ACTIVATIONS)}. Give an object with predict, or ONNX."
                 )
         chosen = str(kwargs["activation_fn"])[:-2].rpartition(".")[2] if "activation_fn" in kwargs else activation
