@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import codecs
+import gzip
+import lzma
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +17,7 @@ from hypothesis import strategies as st
 
 from cornerforge.errors import DataError
 from cornerforge.ext.calibrate.layouts import LAYOUTS
-from cornerforge.ext.calibrate.readers import guess_format, read_decisions
+from cornerforge.ext.calibrate.readers import Reading, guess_format, read_decisions
 
 FEET = 0.3048
 LENGTH = 4.9
@@ -215,6 +217,12 @@ TEXTS: dict[str, Callable[[list[list[str]]], bytes]] = {
     "UTF-16": lambda rows: joined(rows).encode("utf-16-le"),
     "UTF-16, big end first": lambda rows: joined(rows).encode("utf-16-be"),
     "CRLF": lambda rows: joined(rows, end="\r\n").encode(),
+    "CR": lambda rows: joined(rows, end="\r").encode(),
+    "a spreadsheet's word on the delimiter": lambda rows: b"sep=;\r\n" + joined(rows, ";", end="\r\n").encode(),
+    "lines before the header": lambda rows: ("\n# of mine\n" + joined(rows)).encode("utf-16"),
+    "a delimiter after each row": lambda rows: joined(rows, end=",\n").replace(",\n", "\n", 1).encode(),
+    "a delimiter after each line": lambda rows: joined(rows, end=",\n").encode(),
+    "capitals and blanks": lambda rows: joined([[f" {name.upper()} " for name in rows[0]], *rows[1:]]).encode(),
     "semicolons": lambda rows: joined(rows, ";").encode(),
     "tabs": lambda rows: joined(rows, "\t").encode(),
     "semicolons, decimal commas": lambda rows: joined(rows, ";", lambda cell: cell.replace(".", ",")).encode(),
@@ -242,6 +250,58 @@ def test_the_way_a_table_is_written_changes_no_decision(tmp_path: Path, text: st
     wanted = states(plain, followers=False)
     assert wanted.shape[0] > 5
     np.testing.assert_array_equal(states(other, followers=False), wanted)
+
+
+def test_columns_that_are_empty_count_as_missing(tmp_path: Path) -> None:
+    def read(name: str, *blank: str) -> Reading:
+        header, *lines = ("scenario,veh_id,t_s,lane,s_m,length_m", *(f"a,1,{k / 10},1,{3 * k},6" for k in range(60)))
+        empty = [column in blank for column in header.split(",")]
+        cells = [["" if no else one for no, one in zip(empty, line.split(","), strict=True)] for line in lines]
+        (tmp_path / name).write_text("\n".join([header, *map(",".join, cells)]), encoding="utf-8")
+        return read_decisions([tmp_path / name])[0]
+
+    assert read("all.csv").rows_used == read("neither.csv", "scenario", "length_m").rows_used == 60
+    with pytest.raises(DataError, match="no usable row; first fault: lane is not a number"):
+        read("lanes.csv", "lane")
+
+
+def test_the_line_of_a_fault_counts_the_lines_before_the_header(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    rows = [f"1,{k / 10},1,{3 * k}" for k in range(60)]
+    path.write_text("# of mine\n\nveh_id,t_s,lane,s_m\n" + "\n".join([*rows[:5], "1,2", *rows[5:], "1,x,1,9"]), "utf-8")
+    bad = read_decisions([path])[0].table.bad
+    assert bad.reasons == {"wrong number of fields": (1, 9), "t_s is not a number": (1, 65)}
+
+
+STRANGE = {
+    "gzip": (gzip.compress(b"veh_id,t_s\n1,2\n"), "is no text; unpack it"),
+    "xz": (lzma.compress(b"veh_id,t_s\n1,2\n"), "is no text; unpack it"),
+    "UTF-32": ("veh_id,t_s\n1,2\n".encode("utf-32"), "is no text; unpack it"),
+    "bars": (b"\nveh_id|t_s\n1|2\n", "has one field in line 2; put commas, semicolons or tabs between"),
+    "other rows": (b"veh_id,t_s,lane,s_m\n1;2;3;4\n", r"no row with the 4 fields of its header \(line 2 has others"),
+}
+
+
+@pytest.mark.parametrize("what", STRANGE)
+def test_a_file_that_is_no_such_table_is_told_what_helps(tmp_path: Path, what: str) -> None:
+    content, words = STRANGE[what]
+    (tmp_path / "t.csv").write_bytes(content)
+    with pytest.raises(DataError, match=words):
+        read_decisions([tmp_path / "t.csv"])
+
+
+def test_times_in_milliseconds_are_asked_about(tmp_path: Path) -> None:
+    rows = [f"1,{100 * k},1,{3 * k}" for k in range(9)]
+    (tmp_path / "t.csv").write_text("\n".join(["veh_id,t_s,lane,s_m", *rows]), encoding="utf-8")
+    with pytest.warns(UserWarning, match=r"cut at 8 place.* Are times in other units\?"):
+        read_decisions([tmp_path / "t.csv"])
+
+
+def test_lanes_numbered_from_0_are_noted(tmp_path: Path) -> None:
+    rows = [f"{lane},{k / 10},{lane},{3 * k}" for lane in (0, 1) for k in range(60)]
+    (tmp_path / "t.csv").write_text("\n".join(["veh_id,t_s,lane,s_m", *rows]), encoding="utf-8")
+    with pytest.warns(UserWarning, match="vehicles are in lane 0 throughout, .* number lanes from 1"):
+        read_decisions([tmp_path / "t.csv"])
 
 
 def test_how_commas_were_read_is_said(tmp_path: Path) -> None:

@@ -67,6 +67,21 @@ def test_names_used_again_give_what_names_of_their_own_give(tmp_path: Path, late
     assert lane_tracks(again).forward.all()
 
 
+def test_a_leap_aside_is_no_lane_change(tmp_path: Path) -> None:
+    """A name goes on in the next lane but one, at the same speed: another vehicle, or a row that is astray."""
+    traffic = [line for lane in (1, 2, 3) for line in rows(f"v{lane}", lane, 0.0, 10.0 * lane, 20.0, 12.0)]
+    leaps = read(tmp_path, traffic + rows("x", 1, 0.0, 90.0, 20.0, 5.0) + rows("x", 3, 5.1, 192.0, 20.0, 5.0))
+    (one,) = read_traffic([leaps.path])
+    assert any("tracks were cut at 1 place(s)" in note for note in one.file.notes)
+    assert one.names.count("x") == 2
+    assert np.abs(one.lateral_speed).max() < 0.01
+    passing = rows("x", 1, 0.0, 90.0, 20.0, 5.0)
+    passing[20:21] = rows("x", 3, 2.0, 130.0, 20.0, 0.0)
+    (one,) = read_traffic([read(tmp_path, traffic + passing).path])
+    assert one.names.count("x") == 1
+    assert one.file.left_out == {"s_m jumps (faster than 70 m/s)": (1, 385)}
+
+
 def test_a_ramp_stays_where_it_is_when_names_are_used_again(tmp_path: Path) -> None:
     once = read(tmp_path, period("abcd", 0.0), name="once.csv").path
     again = read(tmp_path, period("abcd", 0.0) + period("badc", 900.0), name="again.csv").path

@@ -7,6 +7,7 @@ import io
 import json
 import pickle
 import zipfile
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -88,7 +89,8 @@ def model_of(algorithm: str, actions: str, shape: tuple[int, ...] = (13, 8), **a
 
     if algorithm in ("DQN", "SAC", "TD3"):
         arguments["buffer_size"] = 10
-    return getattr(sb3, algorithm)("MlpPolicy", World(), seed=1, device="cpu", **arguments)
+    policy = arguments.pop("policy", "MlpPolicy")
+    return getattr(sb3, algorithm)(policy, World(), seed=1, device="cpu", **arguments)
 
 
 @pytest.mark.sampled(2)
@@ -185,6 +187,15 @@ def test_statistics_of_unclear_use_are_asked_for(tmp_path: Path) -> None:
     normaliser(tmp_path / "net_vecnormalize_8_steps.pkl")
     with pytest.raises(InputError, match=r"lies net_vecnormalize_8_steps.pkl. Say by .*--av-statistics none"):
         load_av(name)
+    (tmp_path / "net_vecnormalize_8_steps.pkl").unlink()
+    (tmp_path / "other.pkl").write_bytes(b"words")
+    assert "normalised by" not in load_av(name)[1]["read"]
+    for other in ("stats.pkl", "Driving-v0/vecnormalize.pkl"):  # of another name, and where RL Zoo keeps it
+        (tmp_path / "Driving-v0").mkdir(exist_ok=True)
+        normaliser(tmp_path / other)
+        with pytest.raises(InputError, match=f"lies {other}. Say by which file"):
+            load_av(name)
+        (tmp_path / other).unlink()
     normaliser(tmp_path / "net_vecnormalize_9_steps.pkl")
     normaliser(tmp_path / "vec_normalize.pkl")
     assert load_av(name)[1]["read"].endswith("normalised by net_vecnormalize_9_steps.pkl")
@@ -276,6 +287,48 @@ def test_policies_that_do_not_fit_are_refused(
 ) -> None:
     model_of(algorithm, actions, shape, **arguments).save(tmp_path / "net.zip")
     with pytest.raises(FileFormatError, match=text):
+        load_av(str(tmp_path / "net.zip"))
+
+
+def net_of_others(part: str) -> dict[str, Any]:
+    """Arguments of a policy that holds code of its user: in a class, in a call, or in the network that is built."""
+    torch = pytest.importorskip("torch")
+    layers = pytest.importorskip("stable_baselines3.common.torch_layers")
+
+    class Steep(torch.nn.LeakyReLU):  # type: ignore[name-defined, misc]
+        def __init__(self) -> None:
+            super().__init__(0.3)
+
+    class Scaled(layers.FlattenExtractor):  # type: ignore[name-defined, misc]
+        def forward(self, observations: Any) -> Any:
+            return super().forward(observations) / 100.0
+
+    return {
+        "class": {"activation_fn": Steep},
+        "partial": {"activation_fn": partial(torch.nn.LeakyReLU, 0.3)},
+        "lambda": {"activation_fn": lambda: torch.nn.ELU(0.5)},
+        "extractor": {"features_extractor_class": Scaled},
+    }[part]
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("part", ["class", "partial", "lambda", "extractor"])
+def test_code_that_is_not_in_the_file_is_not_guessed(tmp_path: Path, part: str) -> None:
+    arguments = net_of_others(part)
+    model_of("PPO", "unit", policy_kwargs=arguments).save(tmp_path / "net.zip")
+    with pytest.raises(FileFormatError, match=f"{next(iter(arguments))} is .*, whose code is not in the file"):
+        load_av(str(tmp_path / "net.zip"))
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_policy_class_of_its_user_is_not_taken_for_mlp_policy(tmp_path: Path) -> None:
+    policies = pytest.importorskip("stable_baselines3.common.policies")
+
+    class Own(policies.ActorCriticPolicy):  # type: ignore[name-defined, misc]
+        pass
+
+    model_of("PPO", "unit", policy=Own).save(tmp_path / "net.zip")
+    with pytest.raises(FileFormatError, match=r"policy_class is .*test_network_files, whose code is not in the file"):
         load_av(str(tmp_path / "net.zip"))
 
 

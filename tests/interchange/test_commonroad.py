@@ -400,6 +400,19 @@ def repeated(text: str) -> str:
     return text[:end] + text[at:end] + text[end:]
 
 
+def in_kmh(text: str) -> str:
+    return text.replace("<exact>22.0<", "<exact>79.2<")
+
+
+def test_an_av_that_moves_otherwise_than_its_velocity_says_is_refused(tmp_path: Path) -> None:
+    text = scenario_text(turned_by(0.0))
+    assert read(tmp_path, text, ego=32).av_is_recorded
+    with pytest.raises(
+        DataError, match=r"line \d+: the AV, dynamicObstacle 32, cannot drive as recorded: it is not where"
+    ):
+        read(tmp_path, in_kmh(text), ego=32)
+
+
 @pytest.mark.parametrize(
     ("change", "note"),
     [
@@ -409,6 +422,7 @@ def repeated(text: str) -> str:
             broken("<time><exact>40<", "<time><exact>39<"),
             "is left out: it has two different states at one time step.",
         ),
+        (in_kmh, "is left out: it is not where its velocity takes it (jumps, or other units)."),
     ],
 )
 def test_an_obstacle_that_cannot_be_does_not_stop_the_file(
@@ -443,7 +457,6 @@ BAD: dict[str, tuple[Callable[[str], str], type[CornerForgeError], str]] = {
     "no version": (broken('commonRoadVersion="2020a" ', ""), FileFormatError, 'version "none"'),
     "NaN": (broken("<velocity><exact>20.0", "<velocity><exact>NaN"), DataError, 'line .*exact is "NaN"'),
     "infinite": (broken("<y>", "<y>1e999"), DataError, "line .*y is"),
-    "km/h": (lambda text: text.replace("<exact>22.0<", "<exact>792.0<"), InputError, "792 m/s.*in m/s"),
     "no step": (broken('timeStepSize="0.1"', 'timeStepSize="0"'), DataError, "timeStepSize"),
     "endless": (broken("<time><exact>40<", "<time><exact>4000000<"), DataError, "allowed: 0 to 6000"),
     "two of one id": (broken('dynamicObstacle id="32"', 'dynamicObstacle id="31"'), DataError, "several obstacles"),

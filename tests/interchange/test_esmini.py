@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -67,7 +68,7 @@ def test_what_esmini_plays_becomes_a_case(scenario: Path, tmp_path: Path) -> Non
     [
         ("time.sleep(60)", "esmini has not ended after 0.5 s"),
         ("print('no such entity'); sys.exit(3)", "esmini ended with status 3: no such entity"),
-        ("sys.exit(0)", "esmini ended with status 0"),
+        ("sys.exit(0)", "esmini ended with status 0 and wrote no trace: no word"),
     ],
 )
 def test_what_esmini_cannot_play_is_said(scenario: Path, tmp_path: Path, end: str, words: str) -> None:
@@ -75,3 +76,15 @@ def test_what_esmini_cannot_play_is_said(scenario: Path, tmp_path: Path, end: st
     with pytest.raises(DataError, match=words):
         cornerforge.import_cases(scenario, out=tmp_path / "in", play_seconds=0.5 if "sleep" in end else 30.0)
     assert not (tmp_path / "in").exists()
+
+
+def test_what_a_script_around_esmini_started_ends_with_it(scenario: Path, tmp_path: Path) -> None:
+    """A child in the background does not outlive the script, and what it holds open is not waited for."""
+    beat = tmp_path / "beat"
+    player(tmp_path, f"os.fork() or [(open({str(beat)!r}, 'a').write('.'), time.sleep(0.05)) for _ in range(600)]")
+    began = time.monotonic()
+    cornerforge.import_cases(scenario, out=tmp_path / "in", play_seconds=25.0)
+    assert time.monotonic() - began < 20.0
+    size = beat.stat().st_size
+    time.sleep(0.5)
+    assert beat.stat().st_size == size

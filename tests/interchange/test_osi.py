@@ -39,7 +39,7 @@ from cornerforge.errors import (
 from cornerforge.ext.interchange import osi_messages
 from cornerforge.ext.interchange.read_osi import read_osi
 from cornerforge.ext.interchange.write_osi import write_osi
-from cornerforge.library.out_case import OutCase
+from cornerforge.library.out_case import ONE_LANE, OutCase
 from cornerforge.types import Scenario
 
 pytest.importorskip("google.protobuf", reason="protobuf is not installed (the extra osi)")
@@ -131,9 +131,30 @@ def test_without_velocities_they_are_differences(tmp_path: Path) -> None:
     for k in range(31):
         bare[1] = (2, [field for field in driven(AV, 0.1 * k).fields()[1][1] if field[0] < 4])
         frames.append(ground_truth(0.1 * k, [], host=0, more=((5, tuple(bare)),)))
-    case = read_osi(stream(path, frames), road=on_road(tmp_path))
-    np.testing.assert_allclose(case.poses[:, 0, SPEED], 20.0)
-    np.testing.assert_allclose(case.poses[:, 0, ACCELERATION], 0.0, atol=1e-9)
+    for road_of in (on_road(tmp_path), None):
+        case = read_osi(stream(path, frames), road=road_of)
+        np.testing.assert_allclose(case.poses[:, 0, SPEED], 20.0)
+        np.testing.assert_allclose(case.poses[:, 0, ACCELERATION], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("k", [0, 1], ids=["the AV", "object 1"])
+@pytest.mark.parametrize(
+    "after", [{"x": 15.0}, {"y": 3.0}, {"vx": 3.0}, {"vx": 15.0}], ids=["jump", "aside", "otherwise", "km/h"]
+)
+def test_what_moves_otherwise_than_its_velocity_says_is_refused(
+    tmp_path: Path, k: int, after: dict[str, float]
+) -> None:
+    things = [AV, Thing(1, 40.0, -6.0)]
+
+    def frame(at: int) -> bytes:
+        now = [driven(one, 0.1 * at) for one in things]
+        if at >= 20:
+            now[k] = replace(now[k], **{name: getattr(now[k], name) + by for name, by in after.items()})
+        return ground_truth(0.1 * at, now, host=0, more=())
+
+    path = stream(tmp_path / "t.osi", [frame(at) for at in range(40)])
+    with pytest.raises(DataError, match=r"t\.osi, frame \d+: .*moves otherwise than its velocity says"):
+        read_osi(path, road=on_road(tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -314,6 +335,13 @@ def test_without_a_road_lanes_are_where_vehicles_drive(tmp_path: Path) -> None:
     assert any("3 lanes, 3.5" in note for note in case.notes)
     with pytest.raises(DataError, match="which are no lanes; say on which road"):
         read_osi(scene(tmp_path / "t.osi", AV, replace(AHEAD, y=0.0), Thing(2, 80.0, 0.0 - 6.0 + 1.9)))
+
+
+def test_a_road_of_one_lane_gets_another_and_says_so(tmp_path: Path) -> None:
+    case = read_osi(scene(tmp_path / "t.osi", AV, AHEAD))
+    assert case.odd.n_lanes == 2
+    assert any("its 1 lanes" in note for note in case.notes)
+    assert ONE_LANE in case.notes
 
 
 def test_without_a_road_a_bend_is_seen(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED
 from cornerforge.errors import CornerForgeError, DataError, FileFormatError, InputError
 from cornerforge.experiment.setting import RECORDED_AV, experiment
 from cornerforge.ext.interchange.tables import COLUMNS, read_table, write_table
-from cornerforge.library.out_case import Fact, OutCase, script_of
+from cornerforge.library.out_case import ONE_LANE, Fact, OutCase, script_of
 from cornerforge.types import Scenario
 
 FACTS: dict[str, Fact] = {"av": 'the "old" one; yes', "rate_per_mile": 1.5e-7, "judge": None, "found": True}
@@ -147,6 +148,10 @@ def row_changed(number: int, column: str, value: str) -> Callable[[str], str]:
     return changed
 
 
+def semicolons(line: re.Match[str]) -> str:
+    return line[0].replace(",", ";")
+
+
 BAD: dict[str, tuple[Callable[[str], str], type[CornerForgeError], str]] = {
     "half a row": (lambda text: text[:-30], FileFormatError, "no such table"),
     "empty": (lambda _: "", FileFormatError, "no such table"),
@@ -168,6 +173,16 @@ BAD: dict[str, tuple[Callable[[str], str], type[CornerForgeError], str]] = {
     "half a road": (change('"lanes": 3', '"lane": 3'), FileFormatError, "needs lanes"),
     "no JSON": (change('{"lanes"', '{lanes"'), FileFormatError, "line 3 holds no JSON"),
     "of tomorrow": (change("cornerforge case: 1", "cornerforge case: 2"), FileFormatError, "of version 2; 1 is read"),
+    "semicolons": (
+        lambda text: re.sub(r"(?m)^([^#].*)$", semicolons, text),
+        FileFormatError,
+        "holds no comma; put commas",
+    ),
+    "in km/h": (
+        lambda text: text.replace(",6.000000,30.0", ",6.000000,72.0"),
+        DataError,
+        "slot 0 is not where its speed takes it",
+    ),
     "no column": (change(",lane\n", ",lame\n"), FileFormatError, "each of these columns once: lane"),
     "endless": (row_changed(3, "frame", "700000"), DataError, "frame = 700000 in row 3"),
 }
@@ -182,6 +197,16 @@ def test_bad_files_are_one_clear_error(tmp_path: Path, name: str) -> None:
     path.write_text(changed(path.read_text()))
     with pytest.raises(error, match=message):
         read_table(path)
+
+
+def test_a_road_of_one_lane_gets_another_and_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    write_table(OutCase("case-1", crash(Car(0.0, RIGHT, 30.0), Car(50.0, RIGHT, 20.0)), FACTS), path)
+    assert read_table(path).notes == ()
+    facts = tmp_path / "t.facts.json"
+    facts.write_text(facts.read_text().replace('"lanes": 3', '"lanes": 1'))
+    case = read_table(path)
+    assert (case.odd.n_lanes, case.notes) == (2, (ONE_LANE,))
 
 
 def test_other_endings_and_files_are_refused(tmp_path: Path) -> None:

@@ -99,7 +99,7 @@ def statistics_for(said: str | None, network: Path) -> Statistics | None:
     """Read the statistics of a network: of the file that was said, or of the one beside it, by the usual names.
 
     `vec_normalize.pkl` and `vecnormalize.pkl` go with all files of the folder, `NAME_vecnormalize.pkl` with `NAME.zip`,
-    and `P_vecnormalize_1000_steps.pkl` with `P_1000_steps.zip`. An ONNX file may hold the normalisation itself.
+    and `P_vecnormalize_1000_steps.pkl` with `P_1000_steps.zip`. Others, or in a folder beside, are asked about.
 
     Args:
         said: A file, or "none"; None: nothing was said.
@@ -107,17 +107,22 @@ def statistics_for(said: str | None, network: Path) -> Statistics | None:
 
     Raises:
         FileFormatError: The file holds none.
-        InputError: Some lie beside the network, and it is not clear which one to use.
+        InputError: Some lie beside the network, and it is not clear which one to use (ONNX may hold its own).
     """
     if said is None:
+        folder = network.parent
         there = {
-            p: _NAME.sub("", p.stem).strip("_") for p in network.parent.glob("*ormalize*.pkl") if _NAME.search(p.stem)
+            p: _NAME.sub("", p.stem).strip("_")
+            for p in sorted((*folder.glob("*.pkl"), *folder.glob("*/*ormalize*.pkl")))
+            if p.parent == folder or not any(p.parent.glob("*.zip"))
+            if _NAME.search(p.stem) or (p.is_file() and b"VecNormalize" in np.fromfile(p, np.uint8, 200).tobytes())
         }
-        own = [p for p, of in there.items() if of == network.stem] or [p for p, of in there.items() if not of]
+        beside = {p: of for p, of in there.items() if p.parent == folder}
+        own = [p for p, of in beside.items() if of == network.stem] or [p for p, of in beside.items() if not of]
         if there and (len(own) != 1 or network.suffix.lower() != ".zip"):
             raise InputError(
-                f"Beside {network} lies {', '.join(sorted(p.name for p in there))}. Say by which file the observations "
-                "that go into the network were normalised: --av-statistics FILE, or --av-statistics none."
+                f"Beside {network} lies {', '.join(str(p.relative_to(folder)) for p in there)}. Say by which file the "
+                "observations that go into the network were normalised: --av-statistics FILE, or --av-statistics none."
             )
         said = str(own[0]) if own else "none"
     return None if said == "none" else Statistics(Path(said))

@@ -26,6 +26,11 @@ if TYPE_CHECKING:
 __all__ = ["Sb3Av"]
 
 _ACTIVATIONS = ("ReLU", "Tanh", "ELU", "LeakyReLU", "GELU", "SiLU", "Sigmoid", "Softplus")
+_PARTS = {
+    "policy_class": r"(stable_baselines3|sb3_contrib)\..*",
+    "features_extractor_class": r"<class 'stable_baselines3\.common\.torch_layers\.FlattenExtractor'>",
+    "activation_fn": rf"<class 'torch\.nn\.modules\.activation\.({'|'.join(_ACTIVATIONS)})'>",
+}
 _FAMILIES = (
     # what marks it, layers before the last, the last, activation by default, one that is so made, actions are squashed
     ("q_net.q_net.0.weight", "q_net.q_net", None, "ReLU", "DQN", False),
@@ -83,12 +88,16 @@ class Sb3Av(NetworkAv):
         layers = _chain(weights, hidden)
         if last is not None:
             layers.append((weights[f"{last}.weight"], weights[f"{last}.bias"]))
-        kwargs = settings.get("policy_kwargs")
-        found = re.search(r"activation\.(\w+)'", str((kwargs or {}).get("activation_fn", "")))
-        chosen = found.group(1) if found else activation
-        if chosen not in _ACTIVATIONS:
-            raise FileFormatError(f"{name} uses the activation {chosen}; known: {', '.join(_ACTIVATIONS)}.")
-        if (kwargs or {}).get("squash_output"):
+        kwargs = settings.get("policy_kwargs") or {}
+        made = {"policy_class": (settings.get("policy_class") or {}).get("__module__"), **kwargs}
+        for part, known in _PARTS.items():
+            if made.get(part) is not None and not re.fullmatch(known, str(made[part])):
+                raise FileFormatError(
+                    f"{name}: {part} is {str(made[part])[:80]}, whose code is not in the file. Known activations: "
+                    f"{', '.join(_ACTIVATIONS)}. Give an object with predict, or ONNX."
+                )
+        chosen = str(kwargs["activation_fn"])[:-2].rpartition(".")[2] if "activation_fn" in kwargs else activation
+        if kwargs.get("squash_output"):
             raise FileFormatError(f"{name} was trained with squash_output, which is not supported; train without.")
         shape = _checked_shape(name, layers, settings)
         super().__init__(shape, _actions_of(name, settings.get("action_space")), statistics)

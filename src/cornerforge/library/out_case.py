@@ -19,8 +19,8 @@ from cornerforge.sim import Script, scripted
 from cornerforge.types import MAX_LANES, SUBSTEPS, Odd, Scenario
 
 __all__ = [
-    "MOST_VEHICLES", "NAME_PATTERN", "Fact", "MovingCase", "OutCase", "check_name", "fact_of_text", "plain_facts",
-    "plain_text", "recorded_script", "safe_name", "script_of", "straight_on", "straight_road",
+    "MOST_VEHICLES", "NAME_PATTERN", "ONE_LANE", "Fact", "MovingCase", "OutCase", "check_name", "fact_of_text",
+    "plain_facts", "plain_text", "recorded_script", "safe_name", "script_of", "straight_on", "straight_road",
 ]  # fmt: skip
 
 Fact: TypeAlias = bool | int | float | str | None
@@ -166,6 +166,10 @@ def fact_of_text(text: str) -> Fact:
     if isinstance(value, float) and math.isfinite(value) and ("." in text or json.dumps(value) == text):
         return value
     return text
+
+
+ONE_LANE = "the road has one lane; another, to its left, was added, into which an AV may go"
+"""Note of a reader on a road of one lane (`straight_road`)."""
 
 
 def straight_road(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import csv
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -37,11 +38,13 @@ class Dialect:
         return next(csv.reader([line], delimiter=self.delimiter), [])
 
 
-def dialect_of(head: bytes) -> tuple[Dialect, str]:
-    r"""Tell from the first bytes of a file how it is written; returns that, and the first line.
+def dialect_of(head: bytes) -> tuple[Dialect, list[str], int]:
+    r"""Tell from the first bytes of a file how it is written; returns that, the lines, and how many come before these.
 
-    >>> dialect_of("t_s;v_mps\r\n0;1,5".encode("utf-16"))
-    (Dialect(encoding='utf-16-le', delimiter=';'), 't_s;v_mps')
+    Those before the header are empty, a comment (#), or a spreadsheet's word on the delimiter (sep=).
+
+    >>> dialect_of("sep=;\r\nt_s;v_mps\r\n0;1,5".encode("utf-16"))
+    (Dialect(encoding='utf-16-le', delimiter=';'), ['t_s;v_mps', '0;1,5'], 1)
     """
     mark, encoding = next(((mark, name) for mark, name in _MARKS if head.startswith(mark)), (b"", ""))
     start = head[len(mark) : len(mark) + 64]
@@ -50,8 +53,9 @@ def dialect_of(head: bytes) -> tuple[Dialect, str]:
         if b"\0" in start:  # of letters, one byte in two is zero
             encoding = "utf-16-le" if start[1::2].count(0) >= start[::2].count(0) else "utf-16-be"
     text = head[len(mark) :].decode("utf-8" if encoding == "latin1" else encoding, errors="replace")
-    line = text.split("\n", 1)[0].strip()
-    return Dialect(encoding, max(",;\t", key=line.count)), line
+    lines = re.split(r"\r\n|\r|\n", text)
+    begin = next((k for k, line in enumerate(lines) if line.strip() and not line.startswith(("#", "sep="))), 0)
+    return Dialect(encoding, max(",;\t", key=lines[begin].count)), lines[begin:], begin
 
 
 @dataclass(frozen=True)

@@ -120,7 +120,7 @@ def _read_rows(path: Path) -> list[dict[str, str]]:
         check_regular(path)
         with opened(path, "rb") as file:
             content = file.read()
-        dialect, _ = dialect_of(content[:65536])
+        dialect = dialect_of(content[:65536])[0]
         encoding = "utf-8" if dialect.encoding == "latin1" else dialect.encoding
         text = io.StringIO(content.decode(encoding).lstrip("\ufeff"), newline="")
         return list(csv.DictReader(text, delimiter=dialect.delimiter))

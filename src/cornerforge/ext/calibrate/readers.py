@@ -223,12 +223,23 @@ def read_rows(path: Path, data_format: str, *, scene: bool = False) -> Rows:
     numbers = {name: column for name, column in layout.numbers.items() if column[0] in header}
     texts = {name: column for name, column in layout.texts.items() if column in header}
     table = read_table(path, numbers, texts)
+    for name in (*layout.optional, "width"):  # an empty column is none
+        if np.isnan(table.numbers.get(name, np.nan)).all() and np.max(table.texts.get(name, -1)) < 0:
+            table.numbers.pop(name, None)
+            table.texts.pop(name, None)
     notes += [*table.notes, *check_rows(table, layout)]
     if table.line.size == 0:
         hint = f" {notes[0]}" if notes else ""
         raise DataError(f"Trajectory file {path} holds no usable row; first fault: {_first_fault(table.bad)}.{hint}")
-    notes += cut_tracks(table, layout)
+    notes += [*_lane_note(table), *cut_tracks(table, layout)]
     return Rows(layout, table, notes, meta)
+
+
+def _lane_note(table: Table) -> list[str]:
+    """Note that vehicles, more than 5 %, are in lane 0 throughout, which stands for an unknown lane."""
+    known = np.bincount(drivers(table), weights=table.numbers.get("lane", np.ones(table.line.size)) > 0.0)
+    said = f"{table.name}: vehicles are in lane 0 throughout, which means that it is not known; number lanes from 1."
+    return [said] if np.mean(known == 0.0) > 0.05 else []
 
 
 def _with_scene(layout: Layout, scene: Scene) -> Layout:

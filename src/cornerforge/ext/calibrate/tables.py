@@ -117,8 +117,8 @@ def read_header(path: Path) -> list[str]:
     return _header(path)[0]
 
 
-def _header(path: Path) -> tuple[list[str], Dialect]:
-    """Return column names, and how the file is written."""
+def _header(path: Path) -> tuple[list[str], Dialect, int]:
+    """Return column names, how the file is written, and the line in which the names stand."""
     if not path.is_file():
         is_folder = path.is_dir()
         raise DataError(f"{path} is a folder; name the files in it." if is_folder else f"No trajectory file {path}.")
@@ -127,7 +127,8 @@ def _header(path: Path) -> tuple[list[str], Dialect]:
             head = stream.read(65536)
     except OSError as error:
         raise _unreadable(path, error) from error
-    dialect, line = dialect_of(head)
+    dialect, lines, before = dialect_of(head)
+    line = lines[0].strip()
     if not line:
         raise DataError(f"Trajectory file {path} is empty.")
     if line.startswith("<"):
@@ -135,13 +136,21 @@ def _header(path: Path) -> tuple[list[str], Dialect]:
         raise DataError(
             FCD_XML.refusal(path) if is_fcd else f"Trajectory file {path} is XML; trajectories are read from tables."
         )
-    names = dialect.split(line)
+    if any(ord(sign) < 32 and sign != "\t" for sign in line):
+        raise DataError(f"Trajectory file {path} is no text; unpack it, or save it as a table of text (CSV).")
+    names, first = dialect.split(lines[0]), dialect.split(lines[1]) if len(lines) > 1 else []
     words = [word for name in names for word in name.replace(",", " ").split()]
     if words and all(_is_number(word) for word in words):
         raise DataError(
-            f"Trajectory file {path} begins with numbers; line 1 must name the columns, with commas between them."
+            f"Trajectory file {path} begins with numbers; line {before + 1} must name the columns, with commas between."
         )
-    return [_simple(name) for name in names], dialect
+    if len(names) == 1:
+        raise DataError(
+            f"Trajectory file {path} has one field in line {before + 1}; put commas, semicolons or tabs between fields."
+        )
+    if len(first) == len(names) + 1 and not first[-1].strip():
+        names.append("")  # a delimiter ends each row, but not the header
+    return [_simple(name) for name in names], dialect, before + 1
 
 
 def _unreadable(path: Path, error: Exception) -> DataError:
@@ -181,7 +190,7 @@ def read_table(path: Path, numbers: Mapping[str, tuple[str, float]], texts: Mapp
     Raises:
         DataError: The file is empty, cut off or no CSV.
     """
-    header, dialect = _header(path)
+    header, dialect, names_at = _header(path)
     wanted = [column for column, _ in numbers.values()] + list(texts.values())
     twice = sorted({column for column in wanted if header.count(column) > 1})
     if twice:
@@ -197,7 +206,7 @@ def read_table(path: Path, numbers: Mapping[str, tuple[str, float]], texts: Mapp
             content = pa.csv.read_csv(
                 stream,
                 read_options=pa.csv.ReadOptions(
-                    column_names=header, skip_rows=1, use_threads=False, encoding=dialect.encoding
+                    column_names=header, skip_rows=names_at, use_threads=False, encoding=dialect.encoding
                 ),
                 parse_options=pa.csv.ParseOptions(
                     delimiter=dialect.delimiter, invalid_row_handler=note, ignore_empty_lines=False
@@ -209,7 +218,8 @@ def read_table(path: Path, numbers: Mapping[str, tuple[str, float]], texts: Mapp
     except (pa.ArrowInvalid, OSError, UnicodeDecodeError) as error:
         raise _unreadable(path, error) from error
     if content.num_rows == 0:
-        raise DataError(f"Trajectory file {path} holds no rows.")
+        fields = f" with the {len(header)} fields of its header (line {broken[0]} has others)" if broken else "s"
+        raise DataError(f"Trajectory file {path} holds no row{fields}.")
     bad = BadRows()
     bad.add("wrong number of fields", broken)
     form = number_form([content[column] for column, _ in numbers.values()], dialect)
@@ -219,7 +229,7 @@ def read_table(path: Path, numbers: Mapping[str, tuple[str, float]], texts: Mapp
         numbers={name: _floats(form.plain(content[column])) * factor for name, (column, factor) in numbers.items()},
         texts={name: codes for name, (codes, _) in coded.items()},
         labels={name: labels for name, (_, labels) in coded.items()},
-        line=_lines(content.num_rows, broken),
+        line=_lines(names_at + 1, content.num_rows, broken),
         part=np.zeros(content.num_rows, dtype=np.int64),
         bad=bad,
         rows_read=content.num_rows + len(broken),
@@ -227,9 +237,9 @@ def read_table(path: Path, numbers: Mapping[str, tuple[str, float]], texts: Mapp
     )
 
 
-def _lines(rows: int, broken: list[int]) -> NDArray[np.int64]:
+def _lines(first: int, rows: int, broken: list[int]) -> NDArray[np.int64]:
     """Line numbers of the rows that were kept, where the lines `broken` were skipped."""
-    every = np.arange(2, rows + len(broken) + 2, dtype=np.int64)
+    every = np.arange(first, first + rows + len(broken), dtype=np.int64)
     return np.setdiff1d(every, np.array(broken, dtype=np.int64), assume_unique=True)[:rows]
 
 

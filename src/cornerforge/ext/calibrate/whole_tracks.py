@@ -27,6 +27,8 @@ _MOVES = 5.0
 """A track that ends nearer to its begin has no direction of its own [m]; none drives farther back from row to row."""
 _UNDER_WAY = 2.0
 """Slower motion is noise of a standing vehicle [m/s]."""
+_ASIDE, _FASTEST_ASIDE = 5.0, 4.0
+"""No vehicle is farther aside from row to row [m], more than a lane, if it also goes there faster [m/s]."""
 _BOTH_WAYS = 0.2
 """A lane number belongs to both directions where at least this share of its rows goes against the others."""
 
@@ -47,12 +49,13 @@ def cut_tracks(table: Table, layout: Layout) -> list[str]:
         same = np.diff(drivers(table)) == 0
         column = layout.numbers["position"][0]
         notes += speed_note(table.name, column, np.diff(position)[same] / np.diff(table.numbers["time"])[same])
-        table.drop(f"{column} jumps (faster than {SPEED_RANGE[1]:g} m/s)", _astray(table, position))
+        astray = _astray(table, position, _across(table, layout))
+        table.drop(f"{column} jumps (faster than {SPEED_RANGE[1]:g} m/s)", astray)
     time, same = table.numbers["time"], np.diff(drivers(table)) == 0
     cuts = np.diff(time) > _LONGEST_GAP
     if "position" in table.numbers:
         position, _ = position_along(table, layout)
-        cuts |= _leaps(time, position) | _turns(time, position, same)
+        cuts |= _leaps(time, position, _across(table, layout)) | _turns(time, position, same)
     if "length" in table.numbers:
         cuts |= np.abs(np.diff(table.numbers["length"])) > _OTHER_LENGTH
     if "kind" in table.texts:
@@ -61,17 +64,26 @@ def cut_tracks(table: Table, layout: Layout) -> list[str]:
     table.part = np.concatenate([[0], np.cumsum(cuts)])
     if not cuts.any():
         return notes
+    hint = " Are times in other units?" if cuts.mean() > 0.5 else ""
     return [
         *notes,
         f"{table.name}: tracks were cut at {int(cuts.sum())} place(s) (first at line "
         f"{int(table.line[1:][cuts].min())}), where a name goes on after more than {_LONGEST_GAP:g} s, farther away "
-        "than a vehicle drives, or with another size or class; each part counts as a vehicle.",
+        f"than a vehicle drives, or with another size or class; each part counts as a vehicle.{hint}",
     ]  # fmt: skip
 
 
-def _leaps(time: Floats, position: Floats) -> Bools:
-    """Tell between which rows a vehicle cannot have driven, shape (n - 1,)."""
-    return np.asarray(np.abs(np.diff(position)) > SPEED_RANGE[1] * np.diff(time))
+def _leaps(time: Floats, position: Floats, across: Floats, apart: int = 1) -> Bools:
+    """Tell between which rows, so many apart, a vehicle cannot have driven, shape (n - apart,)."""
+    seconds, far, aside = (np.abs(values[apart:] - values[:-apart]) for values in (time, position, across))
+    return np.asarray((far > SPEED_RANGE[1] * seconds) | (aside > np.maximum(_ASIDE, _FASTEST_ASIDE * seconds)))
+
+
+def _across(table: Table, layout: Layout) -> Floats:
+    """Position across the road [m], shape (n,); all 0 where it was not read."""
+    along, swapped = position_along(table, layout)
+    numbers = table.numbers
+    return numbers["position"] if swapped else numbers.get("lateral", numbers.get("across", np.zeros_like(along)))
 
 
 def _turns(time: Floats, position: Floats, same: Bools) -> Bools:
@@ -82,15 +94,14 @@ def _turns(time: Floats, position: Floats, same: Bools) -> Bools:
     return np.asarray((np.abs(step) > _MOVES) & (step * before < 0.0) & (np.abs(before) > _UNDER_WAY * seconds))
 
 
-def _astray(table: Table, position: Floats) -> Bools:
+def _astray(table: Table, position: Floats, across: Floats) -> Bools:
     """Mark single rows off a track that goes on without them, shape (n,)."""
     driver, time = drivers(table), table.numbers["time"]
     astray = np.zeros(position.size, dtype=np.bool_)
     if position.size < 3:
         return astray
-    leap = _leaps(time, position)
-    goes_on = ~np.asarray(np.abs(position[2:] - position[:-2]) > SPEED_RANGE[1] * (time[2:] - time[:-2]))
-    astray[1:-1] = leap[:-1] & leap[1:] & goes_on & (driver[2:] == driver[:-2])
+    leap = _leaps(time, position, across)
+    astray[1:-1] = leap[:-1] & leap[1:] & ~_leaps(time, position, across, 2) & (driver[2:] == driver[:-2])
     return astray
 
 

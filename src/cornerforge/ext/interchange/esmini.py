@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 import tempfile
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +24,7 @@ __all__ = ["play_openscenario"]
 
 _PROGRAM = "esmini"
 _STEP_S = 0.01
-_SHOWN = 200
+_SHOWN, _READ = 200, 10_000
 
 
 def play_openscenario(path: Path, *, ego: str | None = None, road: Path | None = None, seconds: float) -> MovingCase:
@@ -57,20 +59,29 @@ def play_openscenario(path: Path, *, ego: str | None = None, road: Path | None =
             str(trace),
         ]  # fmt: skip
         places = dict.fromkeys(("HOME", "TMPDIR", "TMP", "TEMP"), folder)
-        try:
-            done = subprocess.run(
-                words, cwd=folder, env={**os.environ, **places}, timeout=seconds, check=False, text=True,
-                errors="replace", stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            )  # fmt: skip
-        except subprocess.TimeoutExpired:
-            raise DataError(
-                f"{path.name}: esmini has not ended after {seconds:g} s; allow more (play-seconds), or give a scenario "
-                "that ends."
-            ) from None
-        except OSError as error:
-            raise InputError(f"{path.name}: esmini cannot be run ({error.strerror}).") from None
-        if done.returncode or not trace.is_file():
-            last = next((line for line in reversed(done.stdout.splitlines()) if line.strip()), "no word")
-            raise DataError(f"{path.name}: esmini ended with status {done.returncode}: {last.strip()[:_SHOWN]}")
+        with (Path(folder) / "said").open("w+b") as said:
+            try:
+                player = subprocess.Popen(
+                    words, cwd=folder, env={**os.environ, **places}, stdin=subprocess.DEVNULL, stdout=said,
+                    stderr=subprocess.STDOUT, start_new_session=True,
+                )  # fmt: skip
+            except OSError as error:
+                raise InputError(f"{path.name}: esmini cannot be run ({error.strerror}).") from None
+            try:
+                status = player.wait(seconds)
+            except subprocess.TimeoutExpired:
+                raise DataError(
+                    f"{path.name}: esmini has not ended after {seconds:g} s; allow more (play-seconds), or give a "
+                    "scenario that ends."
+                ) from None
+            finally:
+                with suppress(ProcessLookupError, PermissionError):  # and what it started: it may be a script
+                    os.killpg(player.pid, signal.SIGKILL) if os.name == "posix" else player.kill()
+                player.wait()
+            said.seek(-min(_READ, said.tell()), os.SEEK_END)
+            last = said.read().decode("utf-8", "replace").strip().rpartition("\n")[2] or "no word"
+        if status or not trace.is_file():
+            ended = f"status {status}" if status else "status 0 and wrote no trace"
+            raise DataError(f"{path.name}: esmini ended with {ended}: {last[:_SHOWN]}")
         case = read_osi(trace, ego=ego, road=road)
     return replace(case, facts={**case.facts, "source": path.name, "format": f"OpenSCENARIO, {case.facts['format']}"})

@@ -205,7 +205,7 @@ def import_text(r: ImportedCases) -> str:
     for case in r.cases:
         vehicles = f"{case.vehicles} vehicle{'' if case.vehicles == 1 else 's'}"
         lines.append(f"{case.source}: {vehicles}, {case.seconds} s; {case.words}")
-        lines += [f"  left out: {note}" for note in case.notes]
+        lines += [f"  note: {note}" for note in case.notes]
     lines += [f"Not read: {one.source}: {one.why}" for one in r.refused]
     unknown = sum(case.outcome == UNKNOWN for case in r.cases)
     said = f"{len(r.cases):,} cases in {r.out}/cases; {r.av} crashes in {r.crashes:,}"

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.errors import DataError, FileFormatError, InputError
 from cornerforge.ext.interchange.commonroad import facts_of_source
-from cornerforge.ext.interchange.differences import rates
+from cornerforge.ext.interchange.differences import jumps, rates
 from cornerforge.ext.interchange.straightening import Course, course_along
 from cornerforge.ext.interchange.xml_input import Element, read_xml
-from cornerforge.library.out_case import Fact, MovingCase, safe_name, straight_road
+from cornerforge.library.out_case import ONE_LANE, Fact, MovingCase, safe_name, straight_road
 from cornerforge.types import CAR, FRAME_S, MOTORCYCLE, TRUCK, Odd
 
 __all__ = ["read_commonroad"]
@@ -56,6 +56,7 @@ _UNEVEN = 0.3
 _SHORT = 10.0
 _SWAYS = 0.25
 """Slower sideways is no lane change [m/s]."""
+_ASTRAY = "it is not where its velocity takes it (jumps, or other units)"
 _PLACED = ("lanelet", "dynamicObstacle", "planningProblem", "location", "scenarioTags")
 
 
@@ -497,11 +498,16 @@ def _make_case(
             there.append((track, motion))
     if av.recorded and any(o.states[0, 0] < first or o.states[-1, 0] > last for o, _ in there):
         notes.say(av.element, f"Only steps {first:g} to {last:g} are read, in which the AV, {_named(av.element)}, is.")
-    everybody = [(av, _motion(av, road, first, frames, step_s, notes)), *there]
+    own = _motion(av, road, first, frames, step_s, notes)
+    if av.recorded and jumps(own).any():
+        av.element.fault(f"the AV, {_named(av.element)}, cannot drive as recorded: {_ASTRAY}")
+    everybody = [(av, own), *there]
     poses = np.stack([motion for _, motion in everybody], axis=1)
     if abs(poses[0, 0, X]) > _FAR_OFF:
         poses[:, :, X] -= poses[0, 0, X]
     fastest = float(np.nanmax(poses[:, :, SPEED]))
+    if road.lanes == 1:
+        notes.say(root, f"{ONE_LANE[0].upper()}{ONE_LANE[1:]}.")
     seconds = FRAME_S * (frames - 1)
     odd = straight_road(
         lanes=road.lanes,
@@ -570,7 +576,7 @@ def _not_there(motion: NDArray[np.float64], road: _Road) -> str:
     if abs(float(np.median(motion[there, HEADING]))) > 0.5 * math.pi:
         return "it drives the other way"
     on = (motion[there, Y] > 0.0) & (motion[there, Y] < road.lanes * road.width)
-    return "" if on.any() else "it is never on the AV's road"
+    return (_ASTRAY if jumps(motion).any() else "") if on.any() else "it is never on the AV's road"
 
 
 def _head_for_lanes(poses: NDArray[np.float64], odd: Odd) -> None:

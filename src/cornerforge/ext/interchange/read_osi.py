@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.errors import DataError, InputError, UnknownNameError
-from cornerforge.ext.interchange.differences import rates
+from cornerforge.ext.interchange.differences import jumps, rates
 from cornerforge.ext.interchange.osi_lanes import frame_of_traffic
 from cornerforge.ext.interchange.osi_messages import VEHICLE
 from cornerforge.ext.interchange.osi_trace import (
@@ -35,7 +35,7 @@ from cornerforge.ext.interchange.osi_trace import (
     read_trace,
 )
 from cornerforge.ext.interchange.read_opendrive import Frame, frame_of, read_opendrive
-from cornerforge.library.out_case import MOST_VEHICLES, Fact, MovingCase, plain_text, safe_name, straight_road
+from cornerforge.library.out_case import MOST_VEHICLES, ONE_LANE, Fact, MovingCase, plain_text, safe_name, straight_road
 from cornerforge.types import CAR, FRAME_S, MOTORCYCLE, TRUCK
 
 __all__ = ["read_osi"]
@@ -104,6 +104,7 @@ def read_osi(path: Path, *, ego: str | None = None, road: Path | None = None) ->
     scene = _Scene(path, trace, av, times, states, poses, frame)
     kept = [k for k in range(len(trace.bodies)) if k == av or scene.keep(k)]
     scene.note_stationary()
+    scene.notes += [ONE_LANE] * (frame.lanes == 1)
     kept.sort(key=lambda k: k != av)
     bodies = [trace.bodies[k] for k in kept]
     if len(kept) > MOST_VEHICLES:
@@ -198,7 +199,7 @@ def _resampled(path: Path, trace: Trace, av: int) -> tuple[Floats, Floats]:
         raise DataError(f"{path.name}: the AV drives for {seconds:.0f} s; up to {_LONGEST_S:.0f} s are read. Cut it.")
     times = given[0] + FRAME_S * np.arange(int((seconds + _SAME_TIME) / FRAME_S) + 1)
     if given.size == 1:
-        return times, states
+        return times, _with_rates(states)
     before = np.clip(np.searchsorted(given, times, side="right") - 1, 0, given.size - 2)
     part = (times - given[before]) / np.diff(given)[before]
     part[np.abs(part) < _SAME_TIME] = 0.0
@@ -206,7 +207,18 @@ def _resampled(path: Path, trace: Trace, av: int) -> tuple[Floats, Floats]:
     a, b, part = states[before], states[before + 1], part[:, None, None]
     step = b - a
     step[..., YAW] = np.mod(step[..., YAW] + math.pi, 2.0 * math.pi) - math.pi
-    return times, np.where(part == 0.0, a, np.where(part == 1.0, b, a + part * step))
+    return times, _with_rates(np.where(part == 0.0, a, np.where(part == 1.0, b, a + part * step)))
+
+
+def _with_rates(states: Floats) -> Floats:
+    """Put differences where an object has no velocity, or no acceleration, in one of its frames."""
+    there = np.isfinite(states[..., POSITION_X])
+    for k in range(states.shape[1]):
+        sources = (POSITION_X, POSITION_Y, SPEED_X, SPEED_Y)
+        for given, of in zip(range(SPEED_X, ACCELERATION_Y + 1), sources, strict=True):
+            if not np.isfinite(states[there[:, k], k, given]).all():
+                states[:, k, given] = rates(states[:, k, of], bent_ends=True)
+    return states
 
 
 def _poses(frame: Frame, states: Floats) -> Floats:
@@ -216,11 +228,7 @@ def _poses(frame: Frame, states: Floats) -> Floats:
     poses[..., HEADING] = np.mod(states[..., YAW] - frame.direction + math.pi, 2.0 * math.pi) - math.pi
     poses[..., SPEED], poses[..., LATERAL_SPEED] = frame.turned(states[..., SPEED_X], states[..., SPEED_Y])
     poses[..., ACCELERATION], _ = frame.turned(states[..., ACCELERATION_X], states[..., ACCELERATION_Y])
-    there = np.isfinite(poses[..., X])
     for k in range(states.shape[1]):
-        for given, of in ((SPEED, X), (LATERAL_SPEED, Y), (ACCELERATION, SPEED)):
-            if not np.isfinite(poses[there[:, k], k, given]).all():
-                poses[:, k, given] = rates(poses[:, k, of], bent_ends=True)
         poses[:, k, LANE] = _lanes(frame, poses[:, k])
     return poses
 
@@ -353,6 +361,7 @@ class _Scene:
         yield "drives against the AV's direction", turn < -_CROSSING
         yield "stands or drives across the road", np.abs(turn) <= _CROSSING
         yield "drives backwards", pose[:, SPEED] < _BACKWARDS
+        yield "moves otherwise than its velocity says", jumps(pose, 1.0)
         yield "is beside the lanes", there & ~self._in_lanes(pose, body)
 
 

@@ -26,9 +26,9 @@ from cornerforge._files import reason, writing
 from cornerforge._schema import parse
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.errors import DataError, FileFormatError, InputError
-from cornerforge.ext.interchange.differences import rates
+from cornerforge.ext.interchange.differences import jumps, rates
 from cornerforge.fields import Field
-from cornerforge.library.out_case import Fact, MovingCase, OutCase, safe_name, straight_road
+from cornerforge.library.out_case import ONE_LANE, Fact, MovingCase, OutCase, safe_name, straight_road
 from cornerforge.types import CLASSES, FRAME_S, MAX_LANES, Scenario
 
 __all__ = ["COLUMNS", "read_table", "write_table"]
@@ -177,6 +177,8 @@ def _read_csv(path: Path) -> tuple[pa.Table, dict[str, Any]]:
         except ValueError:
             _fault(path.name, f"line {number} holds no JSON after the colon: {line[:60]}")
     body = "\n".join(lines[comments:]).encode()
+    if "".join(lines[comments : comments + 1]).strip() and "," not in lines[comments]:
+        _fault(path.name, f"line {comments + 1} holds no comma; put commas between fields, and points into numbers")
     types = {field.name: field.type for field in arrow_fields(COLUMNS)}
     try:
         table = pa_csv.read_csv(
@@ -185,7 +187,7 @@ def _read_csv(path: Path) -> tuple[pa.Table, dict[str, Any]]:
             convert_options=pa_csv.ConvertOptions(column_types=types, strings_can_be_null=True),
         )
     except pa.ArrowInvalid as error:
-        _fault(path.name, f"below line {comments} it is no such table: {str(error).splitlines()[0][:200]}")
+        _fault(path.name, f"it is no such table: {str(error).splitlines()[0][:200]}")
     return table, about
 
 
@@ -282,8 +284,11 @@ def _case_of(name: str, columns: dict[str, NDArray[Any]], about: dict[str, Any])
     )  # fmt: skip
     for at in range(slots.size):
         poses[:, at, LATERAL_SPEED] = rates(poses[:, at, Y])
+        if jumps(poses[:, at]).any():
+            raise DataError(f"{name}: slot {slots[at]} is not where its speed takes it.")
     there = np.isfinite(poses[:, :, X]).any(axis=0)
-    notes = tuple(f"slot {gone} is left out: it is not there while the AV is." for gone in slots[~there])
+    notes = [f"slot {gone} is left out: it is not there while the AV is." for gone in slots[~there]]
+    notes += [ONE_LANE] * (lanes == 1)
     stem = safe_name(str(about.get("name") or Path(name).stem))
     facts: dict[str, Fact] = {
         str(key): value
@@ -291,7 +296,7 @@ def _case_of(name: str, columns: dict[str, NDArray[Any]], about: dict[str, Any])
         if value is None or isinstance(value, (bool, int, float, str))
     }
     return MovingCase(
-        stem, odd, kind[there], length[there], width[there], poses[:, there], facts, notes,
+        stem, odd, kind[there], length[there], width[there], poses[:, there], facts, tuple(notes),
         tuple(f"slot {one}" for one in slots[there]),
     )  # fmt: skip
 
