@@ -106,7 +106,10 @@ def test_one_vehicle_on_a_short_road_is_refused_with_what_is_missing(
 
 def test_rows_whose_lane_is_not_known_are_refused_with_what_is_missing(tmp_path: Path) -> None:
     rows = [row.replace(f"{name},1,", f"{name},0,", 1) for name in (1, 2) for row in one_vehicle(60, name)]
-    with pytest.raises(DataError, match=r"make no decision.*in a lane that is known \(0 is not\)"):
+    with (
+        pytest.raises(DataError, match=r"make no decision.*in a lane that is known \(0 is not\)"),
+        pytest.warns(UserWarning, match="number lanes from 1"),
+    ):
         fit_model([lanes_file(tmp_path / "unknown.csv", rows)], "tracks")
 
 

@@ -2,9 +2,10 @@
 
 Each takes over when the manoeuvre that led to the crash began, holds its speed until it sees danger, and brakes
 (`drivers.careful`) on the path that the AV was on. If the AV was approaching the partner before that, the driver takes
-over earlier, at the first moment of the approach at which it sees danger. The motion of the others, the end and the
-contacts that count are those of the search for ways out (`search`). One more driver, HOLDS, only holds its speed: where
-that is enough, braking has prevented nothing.
+over earlier, at the first moment of the approach at which it sees danger; where the approach is all that led to the
+crash, it drives as the AV did until then. The motion of the others, the end and the
+contacts that count are those of the search for ways out (`search`). One more driver, HOLDS, only holds its speed, in an
+approach from when the last of the others has seen danger: where that is enough, braking has prevented nothing.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 
 from cornerforge._elementary import sin_cos
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.counterfactual.begin import manoeuvre_begin
+from cornerforge.counterfactual.begin import APPROACH, manoeuvre_begin
 from cornerforge.counterfactual.motion import allocate_rows, continue_recording, take_over_av
 from cornerforge.counterfactual.search import Manoeuvres, stopping_frames
 from cornerforge.drivers.careful import CAREFUL, HOLDS, Threat, braking_demanded, braking_of, own_reaction
@@ -165,11 +166,10 @@ def _takes_over(test: Trajectories, approach: int, begin: int, kind: int, m: Man
         m: As for `judge_cases`.
         w: Scratch.
     """
-    if kind != HOLDS:
-        for f in range(approach, begin):
-            take_over_av(w, 0, test, f, m.parts, m.road, m.evasive)
-            if _look(test, f, kind, w, np.inf)[0] > 0.0:
-                return f
+    for f in range(approach, begin):
+        take_over_av(w, 0, test, f, m.parts, m.road, m.evasive)
+        if _look(test, f, kind, w, np.inf)[0] > 0.0:
+            return f
     return begin
 
 
@@ -252,10 +252,17 @@ def judge_cases(
         begin, out.manoeuvre[row] = manoeuvre_begin(s.frames, r.partner[c], last, m.road)
         begin = max(0, min(begin, last - 1))
         approach = _approach_begin(test, r.partner[c], begin)
+        if out.manoeuvre[row] == APPROACH:
+            begin = last - 1
         end = last + m.horizon
         continue_recording(test, last, end + s.tail, r.partner[c], m.only_partner, m.road, s.rows)
+        latest = -1
         for kind in range(DRIVERS):
-            moment = _takes_over(test, approach, begin, kind, m, s.rows)
+            if kind != HOLDS:
+                moment = _takes_over(test, approach, begin, kind, m, s.rows)
+                latest = max(latest, moment) if moment < begin else latest
+            else:
+                moment = latest if out.manoeuvre[row] == APPROACH and latest >= 0 else begin
             out.begin[row, kind] = moment
             delay = reaction if reaction >= 0.0 else own_reaction(kind)
             touched, reacted, ttc, hardest = _drive(test, moment, end, kind, delay, m, s.rows, tracks[row, kind])
