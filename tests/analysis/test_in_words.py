@@ -23,7 +23,7 @@ CUT_IN = [Driver(0, 1, 35), Driver(46, 0, 25, ((1, 1),))]
         ([Driver(0, 1, 25), Driver(-46, 0, 35, ((1, 1),))], "BV changes lanes from the right, 31 m behind the AV"),
         (
             [Driver(0, 1, 22), Driver(-48, 0, 35, ((1, 1), (3.2, 0)))],
-            "BV changes lanes from the right, 30 m behind the AV, turns back too late",
+            "BV changes lanes from the right, 30 m behind the AV",  # it turns back by less than can be seen
         ),
         ([Driver(0, 1, 30), Driver(15, 1, 30, braking=(3, 6, -4.0))], "BV brakes with -4.0 m/s2 in front of the AV"),
         ([Driver(0, 1, 30, braking=(3, 6, -4.0)), Driver(-15, 1, 30)], "AV brakes with -4.0 m/s2 in front of the BV"),

@@ -295,20 +295,21 @@ def net_of_others(part: str) -> dict[str, Any]:
     torch = pytest.importorskip("torch")
     layers = pytest.importorskip("stable_baselines3.common.torch_layers")
 
-    class Steep(torch.nn.LeakyReLU):  # type: ignore[name-defined, misc]
+    class Steep(torch.nn.LeakyReLU):  # type: ignore[name-defined]
         def __init__(self) -> None:
             super().__init__(0.3)
 
-    class Scaled(layers.FlattenExtractor):  # type: ignore[name-defined, misc]
+    class Scaled(layers.FlattenExtractor):  # type: ignore[name-defined]
         def forward(self, observations: Any) -> Any:
             return super().forward(observations) / 100.0
 
-    return {
+    arguments: dict[str, dict[str, Any]] = {
         "class": {"activation_fn": Steep},
         "partial": {"activation_fn": partial(torch.nn.LeakyReLU, 0.3)},
         "lambda": {"activation_fn": lambda: torch.nn.ELU(0.5)},
         "extractor": {"features_extractor_class": Scaled},
-    }[part]
+    }
+    return arguments[part]
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -324,7 +325,7 @@ def test_code_that_is_not_in_the_file_is_not_guessed(tmp_path: Path, part: str) 
 def test_a_policy_class_of_its_user_is_not_taken_for_mlp_policy(tmp_path: Path) -> None:
     policies = pytest.importorskip("stable_baselines3.common.policies")
 
-    class Own(policies.ActorCriticPolicy):  # type: ignore[name-defined, misc]
+    class Own(policies.ActorCriticPolicy):  # type: ignore[name-defined]
         pass
 
     model_of("PPO", "unit", policy=Own).save(tmp_path / "net.zip")

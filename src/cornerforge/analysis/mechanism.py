@@ -11,7 +11,7 @@ lanes and accelerations only, so they hold for any AV and any traffic. In this o
 4. A side took part: named after the vehicle that had moved into the other's path (`bv-side`, `av-side`); `other` if
    neither had.
 
-A lane change counts while it lasts and for 3 s after; "moved into the path" means that when it began the two did not
+A lane change counts once it has moved 0.2 m, while it lasts and for 3 s after; "moved into the path" means that when it began the two did not
 overlap laterally and it went towards the other. A driver that turned back too late had moved into the path too. If both
 moved under 3 or 4: the one that began later. Hard braking: -3 m/s2 or less within 3 s.
 """
@@ -70,6 +70,8 @@ _HARD_BRAKING = -3.0
 _FOLLOW_UP_S = 5.0
 _FOLLOW_UP_M = 100.0
 _SETTLED_M = 0.01
+VISIBLE_M = 0.2
+"""Sideways motion that can be seen, at least [m]: what a kind, a title and a sentence may name."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +174,8 @@ def _contact_kind(scenario: Scenario) -> str:
 def lane_changes_before(scenario: Scenario, frame: int, column: int) -> list[LaneChange]:
     """Find the lane changes that a vehicle is in at a frame, or ended at most 3 s before, the newest first.
 
-    An aborted lane change ends where the next one, back to the old lane, begins. Frames hold the target lane that was
+    An aborted lane change ends where the next one, back to the old lane, begins. Motion of less than `VISIBLE_M` is
+    none that a witness would see, and left out. Frames hold the target lane that was
     decided at them, so a change decided at the start shows in frame 0.
     """
     first = int(np.argmax(scenario.present[:, column]))
@@ -185,7 +188,8 @@ def lane_changes_before(scenario: Scenario, frame: int, column: int) -> list[Lan
     for start, following in zip(starts, [*starts[1:], frame], strict=False):
         settled = np.flatnonzero(np.abs(away[start : following + 1]) <= _SETTLED_M)
         end = start + int(settled[0]) if settled.size else following
-        if (frame - end) * FRAME_S <= _RECENT_S:
+        moved = float(np.ptp(scenario.y[start : end + 1, column]))
+        if (frame - end) * FRAME_S <= _RECENT_S and moved >= VISIBLE_M:
             changes.append(LaneChange(start, end, int(target[start]), 1 if away[start] > 0.0 else -1))
     return changes[::-1]
 
