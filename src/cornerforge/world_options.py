@@ -34,7 +34,7 @@ __all__ = [
 
 PLAIN_ADVERSARIES = ("uniform", "lane-changer", "swerve")
 """Adversaries that have not learned, as help names them; `sim.controllers.ADVERSARIES` says what they do."""
-REWARD_NAMES = ("crash", "striking", "avoidable", "preventable", "preventable-by-braking", "own-fault")
+REWARD_NAMES = ("crash", "striking", "avoidable", "preventable", "preventable-by-braking", "own-fault", "own-doing")
 """Names of `adversary.worlds.rewards.REWARDS`, which says what they pay for."""
 
 LEARNERS = ("dqn", "ppo")

@@ -10,8 +10,11 @@ from crashes_by_hand import LEFT, MIDDLE, RIGHT, Car, Turn, crash, mirrored
 from reference.recorded import recordings_of_all
 
 import cornerforge
+from cornerforge.analysis.avoidability import AvoidParams
 from cornerforge.analysis.conduct import CONDUCTS, Conduct, conduct_of
 from cornerforge.analysis.flaw import FLAWS, flaws_of, headline, in_words
+from cornerforge.analysis.prevented import Prevention, prevention_of
+from cornerforge.recordings import Recordings
 from cornerforge.results.analysis import OwnDoing
 from cornerforge.types import ODDS, Scenario
 
@@ -19,8 +22,13 @@ ODD = ODDS["default"]
 CODES = {name: k for k, name in enumerate(CONDUCTS)}
 
 
+def prevention(recordings: Recordings) -> Prevention:
+    return prevention_of(recordings, [None] * recordings.n_cases, ODD, AvoidParams())
+
+
 def found(scenario: Scenario) -> tuple[str, str]:
-    columns = conduct_of(recordings_of_all([scenario]), ODD).columns()
+    recordings = recordings_of_all([scenario])
+    columns = conduct_of(recordings, ODD, prevention(recordings)).columns()
     return str(columns["conduct"][0]), str(columns["conduct_side"][0])
 
 
@@ -31,7 +39,9 @@ INTO_LEFT = (Turn(1.0, 4.0, LEFT),)
 MADE = {
     "it never brakes": (STEADY, SLOWER, ("does-not-brake", "none")),
     "it brakes 1.5 s late": (STEADY._replace(pulls=((4.0, -2.0),)), SLOWER, ("brakes-late", "none")),
-    "it brakes in time and not enough": (STEADY._replace(pulls=((1.5, -0.5), (2.2, -1.2))), SLOWER, ("none", "none")),
+    "it brakes in time and not enough": (
+        STEADY._replace(pulls=((1.5, -0.5), (2.2, -1.2))), SLOWER, ("reacts-late", "none"),
+    ),
     "it had braked, and went on": (
         STEADY._replace(pulls=((0.5, -0.8), (2.0, 0.2))), SLOWER, ("stops-heeding", "none"),
     ),
@@ -91,7 +101,8 @@ def test_the_mirror_image_gives_the_other_side(name: str) -> None:
 
 def test_a_third_vehicle_changes_nothing() -> None:
     scenarios = [crash(STEADY, SLOWER), crash(STEADY, SLOWER, Car(60.0, RIGHT, 30.0))]
-    found = conduct_of(recordings_of_all(scenarios), ODD)
+    recordings = recordings_of_all(scenarios)
+    found = conduct_of(recordings, ODD, prevention(recordings))
     assert found.code.tolist() == 2 * [CODES["does-not-brake"]]
     assert found.begin_s[0] == found.begin_s[1] > 2.0
     columns = found.columns()

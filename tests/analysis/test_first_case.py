@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cornerforge.analysis.first_case import PREVENTION, first_case, what_to_see_first
+from cornerforge.analysis.first_case import first_case, what_to_see_first
+from cornerforge.analysis.prevented import PREVENTION
 
 SEVEN = np.zeros((7, 2))
 
@@ -38,7 +39,7 @@ def test_where_nothing_matters_there_is_no_case() -> None:
 def test_what_a_careful_driver_prevents_comes_first_else_what_happens_most() -> None:
     kinds, points = ["a", "a", "b", "c"], np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [3.0, 0.0]])
     weights = np.array([2.0, 2.0, 3.0, 9.0])
-    by_braking, held, nobody, not_judged = PREVENTION
+    by_braking, held, _, _, nobody, not_judged = PREVENTION
 
     def chosen(*how: str) -> tuple[str, bool]:
         found = what_to_see_first(kinds, weights, points, np.array(how, np.str_))

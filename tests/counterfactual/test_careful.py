@@ -165,8 +165,14 @@ def test_columns_say_nobody_and_null() -> None:
         np.array([True, False, False]),
         np.full((3, n), [[1.5], [np.inf], [np.inf]]),
         np.full((3, n), 2.0),
+        np.array([-1, -1, -1]),
+        np.array([False, False, True]),
     )
-    columns = three.columns()
+    no = np.zeros(3, np.bool_)
+    columns = three.columns(no, ~no)
+    assert columns["prevention"].tolist() == ["by leaving it out", "nobody", "not judged"]
+    assert three.columns(no, no)["prevention"][0] == "another speed"
+    assert three.columns(~no, no)["prevention"][1] == "by braking"
     assert list(columns) == [column.name for column in PREVENTED_COLUMNS]
     assert columns["manoeuvre"] == ["av-moves", "other-moves", None]
     assert columns["prevented_by"] == [", ".join(CAREFUL), "nobody", None]

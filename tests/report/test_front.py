@@ -20,15 +20,15 @@ from html_page import CHROMIUM, Page, browse, needs_browser
 from plain_results import plain_result
 
 from cornerforge._table_checks import write_parquet
-from cornerforge.analysis.first_case import PREVENTION
 from cornerforge.analysis.flaw import FLAWS
+from cornerforge.analysis.prevented import PREVENTION
 from cornerforge.report import front, write_report
 from cornerforge.report.artefacts import Summary, read_artefacts
 from cornerforge.report.front import Front, front_of
 from cornerforge.report.kinds import kind_in_words
 from cornerforge.report.page import _known
 from cornerforge.report.road import road_rate
-from cornerforge.report.text import miles
+from cornerforge.report.text import miles, share
 from cornerforge.results import NaturalRate, Simulated, as_json
 
 
@@ -45,14 +45,12 @@ def summary_of(folder: Path, change: Callable[[dict[str, Any]], object]) -> None
     write_object(file, values)
 
 
-def judge(folder: Path, *, prevented_by: str, held: bool) -> None:
+def judge(folder: Path, prevention: str) -> None:
     """Give all natural cases of a run the same judgement."""
     file = folder / "natural" / "analysis" / "cases.parquet"
     table = pq.read_table(file)
     n = table.num_rows
-    columns = {"prevented_by": pa.array([prevented_by] * n), "held_speed_prevents": pa.array([held] * n)}
-    for name, values in columns.items():
-        table = table.set_column(table.column_names.index(name), name, values)
+    table = table.set_column(table.column_names.index("prevention"), "prevention", pa.array([prevention] * n))
     write_parquet(file, table)
 
 
@@ -106,22 +104,22 @@ def test_how_many_of_a_kind_are_prevented_is_said_with_their_own_rate(natural_ru
     assert f"That is 2 of these {kind.cases} crashes: once in {miles(part)} (95 %:" in look.why
 
 
-def test_where_only_a_held_speed_prevents_it_says_so(natural_run_folder: Path) -> None:
-    judge(natural_run_folder, prevented_by="cc-human", held=True)
+def test_where_the_av_began_it_it_says_so(natural_run_folder: Path) -> None:
+    judge(natural_run_folder, PREVENTION[1])
     found = front_in(natural_run_folder)
     assert found.look is not None
     assert found.look.is_natural
-    assert found.look.why.endswith("in this case it is enough to hold the speed and the lane.")
+    assert found.look.why.endswith("in this case by not beginning what the AV began.")
     assert found.answers[2].short == "In 100 % of them"
     assert "(95 %: 88.4 to 100 %; n = 30 natural crashes;" in found.answers[2].text
-    assert "0 % by braking, in 100 % it was enough to hold the speed and the lane." in found.answers[2].text
+    assert "0 % by braking, 100 % by leaving out what the AV began." in found.answers[2].text
 
 
 def test_where_nobody_prevents_it_says_so(natural_run_folder: Path) -> None:
-    judge(natural_run_folder, prevented_by="nobody", held=False)
+    judge(natural_run_folder, "nobody")
     found = front_in(natural_run_folder)
     assert found.look is not None
-    assert found.look.why.endswith("No reference driver would have prevented one.")
+    assert found.look.why.endswith("A careful driver would have prevented none.")
     assert found.answers[2].short == "None of them"
 
 
@@ -141,8 +139,9 @@ def test_without_natural_crashes_it_shows_the_most_valuable_of_the_adversary(run
     assert known.analysis.judges is not None
     lead = known.analysis.judges.lead
     assert known.analysis.prevented is not None
-    assert found.answers[2].short == f"In {100 * known.analysis.prevented.any.share:.1f} % of them"
-    assert f"led to it could have avoided {100 * lead.share:.1f} % (" in found.answers[2].text
+    assert known.analysis.prevented.careful is not None
+    assert found.answers[2].short == f"In {share(known.analysis.prevented.careful.share)} of them"
+    assert f"led to it began could have avoided {100 * lead.share:.1f} % (" in found.answers[2].text
     assert "n = 60 crashes that an adversary caused" in found.answers[2].text
     only = front_of(replace(known, road=None))
     assert only.answers[1].short == "Not known"
@@ -157,7 +156,7 @@ def test_without_a_judgement_it_says_that_nobody_looked(run_folder: Path) -> Non
     found = front_of(replace(known, analysis=bare))
     assert [answer.short for answer in found.answers][::2] == ["Nobody has looked", "Nobody has looked"]
     braking = front_of(replace(known, analysis=replace(known.analysis, judges=None)))
-    assert "by braking, in" in braking.answers[2].text
+    assert "% by braking, " in braking.answers[2].text
     ways = front_of(replace(known, analysis=replace(known.analysis, prevented=None)))
     assert ways.answers[2].short.endswith("could have been avoided")
 
@@ -228,14 +227,14 @@ def test_the_rate_is_the_better_known_of_the_two(natural: float, plain: float, e
 def test_a_share_with_weights_is_that_of_the_road(natural_run_folder: Path) -> None:
     known = _known(read_artefacts(natural_run_folder))
     assert known.cases is not None
-    some = known.cases.prevention == PREVENTION[0]
-    assert 0 < some.sum() < some.size
+    some = np.arange(known.cases.weight.size) < 3
+    known = replace(known, cases=replace(known.cases, prevention=np.where(some, PREVENTION[0], PREVENTION[4])))
     weight = np.where(some, 1e-9, 1e-8)
     heavy = replace(known.cases, weight=weight)
     share = front._natural_share(heavy, some)
     assert share.share == pytest.approx(weight[some].sum() / weight.sum())
     assert share.low <= share.share <= share.high
-    assert f"{100 * share.share:.1f} % by braking, in" in front_of(replace(known, cases=heavy)).answers[2].text
+    assert f"{100 * share.share:.1f} % by braking, " in front_of(replace(known, cases=heavy)).answers[2].text
 
 
 def test_it_fits_without_private_words(natural_run_folder: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from cornerforge.work import Rooms, in_order
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from cornerforge.analysis.prevented import Prevention
     from cornerforge.experiment.experiments import Experiment
     from cornerforge.recordings import Recordings
     from cornerforge.sim import Recorder, harvest
@@ -34,19 +36,33 @@ class Paid(NamedTuple):
     Attributes:
         paid: The reward pays for it.
         strictly: And by a stricter reading too: of `preventable`, holding the speed would not have been enough; of
-            `own-fault`, the AV alone was at fault. `preventable-by-braking` has no stricter one.
+            `own-fault`, the AV alone was at fault; of `own-doing`, a reference driver would have prevented it.
+            `preventable-by-braking` has no stricter one.
     """
 
     paid: NDArray[np.bool_]
     strictly: NDArray[np.bool_]
 
 
-def _preventable(driver: str, odd: Odd, steers: bool, recordings: Recordings) -> Paid:
+def _prevention(odd: Odd, steers: bool, recordings: Recordings) -> Prevention:
     from cornerforge.analysis.avoidability import AvoidParams, problems_of
     from cornerforge.analysis.prevented import prevention_of
 
     problems = problems_of(recordings, recordings.partner.tolist(), odd)
-    found = prevention_of(recordings, problems, odd, AvoidParams(steers=steers))
+    return prevention_of(recordings, problems, odd, AvoidParams(steers=steers))
+
+
+def _own_doing(odd: Odd, steers: bool, recordings: Recordings) -> Paid:
+    from cornerforge.analysis.conduct import conduct_of
+
+    found = _prevention(odd, steers, recordings)
+    conduct = conduct_of(recordings, odd, found)
+    wrong = conduct.code != 0
+    return Paid(wrong, wrong & found.prevented.any(axis=1))
+
+
+def _preventable(driver: str, odd: Odd, steers: bool, recordings: Recordings) -> Paid:
+    found = _prevention(odd, steers, recordings)
     prevented = found.prevented[:, CAREFUL[driver]]
     return Paid(prevented, prevented & ~found.held)
 
@@ -68,6 +84,8 @@ def _judge_of(reward: str, run: Experiment) -> Callable[[Recordings], Paid] | No
     if not reward_named(reward).by_case:
         return None
     driver = driver_of_reward(reward)
+    if reward == "own-doing":
+        return partial(_own_doing, run.odd, run.av_steers)
     if driver is None:
         return _own_fault
     odd, steers, by_braking = run.odd, run.av_steers, reward.startswith(_BY_BRAKING)

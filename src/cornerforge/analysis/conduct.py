@@ -1,7 +1,8 @@
-"""The AV's own mistakes before a crash, read from the recorded motion alone, so for any AV.
+"""The AV's own mistakes before a crash, read from the recorded motion and from reference drivers, so for any AV.
 
 RSS says which vehicle broke a rule last, a way out what could have helped. An engineer asks what the AV does. The rules
-look at the AV and the vehicle that it touched; in this order, the first that fits names the case, else "none":
+look at the AV and the vehicle that it touched, the last two at the reference drivers in the AV's place (`prevented`);
+in this order, the first that fits names the case, else "none" (docs/adr/0069-one-judgement.md):
 
 1. `hesitates`: within 8 s before, it had left its lane and turned back, or turned three times, and it moved sideways in
    the last 3 s; or it was astride a line for 3.5 s of them, and at the contact.
@@ -16,9 +17,12 @@ look at the AV and the vehicle that it touched; in this order, the first that fi
    acceleration had risen by 0.5 m/s2 within 0.5 s behind the other, else `does-not-brake`.
 4. It ran into the rear of one behind which it had followed for 2 s with a time gap of less than 0.8 s, without closing
    in (1 m/s): `too-close`.
+5. `brakes-hard`: struck from behind after it had braked with 3 m/s2 or more within 3 s, where none of the reference
+   drivers saw danger and to keep its speed would have been enough.
+6. `reacts-late`: at least three of the four reference drivers would have prevented it by braking.
 
-Cut in by another vehicle too near, struck from behind or from the side while it kept its lane, an AV has done nothing
-wrong by these rules, even if it could have acted.
+Cut in by another vehicle too near for most of them, struck from behind or from the side while it kept its lane and
+speed, an AV has done nothing wrong by these rules.
 """
 
 from __future__ import annotations
@@ -31,6 +35,7 @@ from numpy.typing import NDArray
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.analysis.pair import AV, BV, PairMotion, pair_motion
+from cornerforge.analysis.prevented import Prevention
 from cornerforge.fields import BEFORE_CONTACT, Field
 from cornerforge.recordings import Recordings
 from cornerforge.road.straight import lane_centre, lane_of
@@ -48,10 +53,14 @@ CONDUCTS: dict[str, str] = {
     "does-not-brake": "it runs into a vehicle ahead without braking",
     "too-close": "it runs into a vehicle that it had followed with a time gap of less than 0.8 s",
     "cuts-in": "it changes lanes with a time gap of less than 0.3 s",
+    "brakes-hard": "it brakes hard for nothing, and is struck from behind",
+    "reacts-late": "it brakes later or less than most models of a careful driver, which would have prevented the crash",
 }
 """Name and meaning of each conduct, by code."""
 NO_CONDUCT = "none"
-_NONE, _HESITATES, _NOT_BEHIND, _NOT_BESIDE, _LATE, _STOPS, _NEVER, _CLOSE, _CUTS_IN = range(len(CONDUCTS))
+_NONE, _HESITATES, _NOT_BEHIND, _NOT_BESIDE, _LATE, _STOPS, _NEVER, _CLOSE, _CUTS_IN, _HARD, _REACTS = range(
+    len(CONDUCTS)
+)
 
 CONDUCT_COLUMNS: tuple[Field, ...] = (
     Field("conduct", "string", "", f"What the AV did wrong: {', '.join(CONDUCTS)} (`analysis.conduct`)."),
@@ -89,6 +98,7 @@ _POSSIBLE = 6.0
 _BRAKES = -1.0
 _RISE, _RISE_FRAMES = 0.5, 5
 _FOLLOWS, _STEADY, _TIME_GAP = 20, 1.0, 0.8
+_HARD_BRAKING = -3.0
 _CUT_IN = 0.3
 """Time gap that a lane change must leave to the vehicle behind [s]."""
 _NEAR = 0.1
@@ -287,15 +297,37 @@ def _judge(p: _Pair, first: int, lane_width: float) -> tuple[int, int, int]:
     return _NONE, side_code, last
 
 
+@inlined_kernel
+def _brakes_hard(p: _Pair, first: int) -> int:
+    """Find when the AV, struck from behind, began to brake hard within the last 3 s (rule 5); -1: it did not."""
+    last = p.av_x.size - 1
+    for t in range(max(first, last - _RECENT), last):
+        if p.bv_x[last] < p.av_x[last] and p.av_speed[t + 1] - p.av_speed[t] <= _HARD_BRAKING * FRAME_S:
+            return t
+    return -1
+
+
 @kernel
-def _judge_all(m: _Motion, first: NDArray[np.int64], lane_width: float, out: NDArray[np.int64]) -> None:
-    """Judge all cases of `_Motion`; rows of `out`: codes of conduct and side, and the frame of its begin, (S, 3)."""
+def _judge_all(
+    m: _Motion, first: NDArray[np.int64], judges: NDArray[np.int64], lane_width: float, out: NDArray[np.int64]
+) -> None:
+    """Judge all cases of `_Motion`; rows of `out`: codes of conduct and side, and the frame of its begin, (S, 3).
+
+    `judges`, (S, 2), of `Prevention`: `needless` and `reacts`.
+    """
     for c in range(first.size):
         p = _Pair(
             m.x[_AV, c], m.y[_AV, c], m.speed[_AV, c], m.x[_BV, c], m.y[_BV, c], m.speed[_BV, c],
             m.free_along[c], m.free_across[c], m.width[_AV, c], m.width[_BV, c],
         )  # fmt: skip
         out[c, 0], out[c, 1], out[c, 2] = _judge(p, first[c], lane_width)
+        if out[c, 0] != _NONE:
+            continue
+        brakes = _brakes_hard(p, first[c]) if judges[c, 0] != 0 else -1
+        if brakes >= 0:
+            out[c, 0], out[c, 2] = _HARD, brakes
+        elif judges[c, 1] >= 0:
+            out[c, 0], out[c, 2] = _REACTS, max(first[c], p.av_x.size - 1 - judges[c, 1])
 
 
 @dataclass(frozen=True)
@@ -322,33 +354,48 @@ class Conduct:
             begin_s,
         )
 
+    @property
+    def slow(self) -> NDArray[np.bool_]:
+        """Mark the cases in which it braked too late or not at all (rule 3), bool (S,)."""
+        return np.isin(self.code, (_LATE, _STOPS, _NEVER))
+
+    @property
+    def begun(self) -> NDArray[np.bool_]:
+        """Mark the cases in which it did what it could have left out (rules 1, 2, 4 and 5), bool (S,)."""
+        return np.isin(self.code, (_HESITATES, _NOT_BEHIND, _NOT_BESIDE, _CUTS_IN, _CLOSE, _HARD))
+
     def columns(self) -> dict[str, Any]:
         """Make the columns of `CONDUCT_COLUMNS`."""
         names, sides = np.array(list(CONDUCTS)), np.array(_SIDES)
         return {"conduct": names[self.code], "conduct_side": sides[self.side], "conduct_s": self.begin_s}
 
 
-def conduct_of(recordings: Recordings, odd: Odd) -> Conduct:
+def conduct_of(recordings: Recordings, odd: Odd, prevention: Prevention) -> Conduct:
     """Say what the AV did wrong in recorded crashes of the AV.
 
     Args:
         recordings: S cases; vehicles other than the AV and its partner are not looked at.
         odd: Road and rules of the cases.
+        prevention: What reference drivers make of the same cases.
 
     Raises:
         InputError: As `pair.pair_motion`.
     """
-    parts = [_of_motion(pair_motion(block), odd.lane_width) for block in recordings.blocks(_BLOCK)]
+    judges = np.stack([prevention.needless, prevention.reacts], axis=-1)
+    parts = [
+        _of_motion(pair_motion(block), judges[at : at + _BLOCK], odd.lane_width)
+        for at, block in zip(range(0, recordings.n_cases, _BLOCK), recordings.blocks(_BLOCK), strict=True)
+    ]
     found = np.concatenate(parts) if parts else np.zeros((0, 3), np.int64)
     begin = np.where(found[:, 0] == _NONE, np.nan, found[:, 2] * FRAME_S)
     return Conduct(found[:, 0], found[:, 1], begin)
 
 
-def _of_motion(motion: PairMotion, lane_width: float) -> NDArray[np.int64]:
+def _of_motion(motion: PairMotion, judges: NDArray[np.int64], lane_width: float) -> NDArray[np.int64]:
     """Return the codes of conduct and side, and how many frames before the contact it began, (S, 3)."""
     first = np.argmax(motion.recorded, axis=1).astype(np.int64)
     out = np.zeros((first.size, 3), np.int64)
     m = _Motion(motion.x, motion.y, motion.speed, motion.free_along, motion.free_across, motion.width)
-    _judge_all(m, first, lane_width, out)
+    _judge_all(m, first, judges, lane_width, out)
     out[:, 2] = motion.recorded.shape[1] - 1 - out[:, 2]
     return out

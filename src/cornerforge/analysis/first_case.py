@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PREVENTION", "FirstCase", "first_case", "preventions", "what_to_see_first"]
+from cornerforge.analysis.prevented import CAREFULLY
+
+__all__ = ["FirstCase", "first_case", "what_to_see_first"]
 
 
 @dataclass(frozen=True)
@@ -61,30 +63,6 @@ def first_case(
     return FirstCase(int(placed[np.argmin(far)]), kind, rows)
 
 
-PREVENTION = ("by braking", "holding the speed is enough", "nobody", "not judged")
-"""Prevention of a case by the reference drivers: in the first two they would have prevented it."""
-
-
-def preventions(prevented_by: Sequence[str | None], held_speed_prevents: Sequence[bool | None]) -> NDArray[np.str_]:
-    """Say of each case what would have prevented it: one of `PREVENTION`.
-
-    Args:
-        prevented_by, held_speed_prevents: Columns of `cases.parquet`, of S cases; None: not judged.
-
-    Returns:
-        Shape (S,).
-
-    >>> preventions(["cc-human, fsm", "fsm", "nobody", None], [False, True, False, None]).tolist()
-    ['by braking', 'holding the speed is enough', 'nobody', 'not judged']
-    """
-    by_braking, held, nobody, not_judged = PREVENTION
-    found = [
-        not_judged if who is None else held if enough else nobody if who == "nobody" else by_braking
-        for who, enough in zip(prevented_by, held_speed_prevents, strict=True)
-    ]
-    return np.array(found, np.str_)
-
-
 def what_to_see_first(
     kinds: Sequence[str | None],
     weights: NDArray[np.float64],
@@ -93,18 +71,18 @@ def what_to_see_first(
 ) -> tuple[FirstCase, bool] | None:
     """Choose the natural case to look at first.
 
-    Of the kinds that a careful driver would have prevented, by braking or by holding its speed, the most frequent;
-    where none would have been, the most frequent of all.
+    Of the kinds that a careful driver would have prevented, by braking or by leaving out what the AV began, the most
+    frequent; where none would have been, the most frequent of all.
 
     Args:
         kinds, weights, points: As for `first_case`; a weight that is not above 0 leaves a case out.
-        prevention: One of `PREVENTION` for each case, shape (S,).
+        prevention: One of `prevented.PREVENTION` for each case, shape (S,).
 
     Returns:
         The case, and whether a careful driver would have prevented it. None if no case has a kind.
     """
     known = weights > 0.0
-    for matter, prevented in ((known & np.isin(prevention, PREVENTION[:2]), True), (known, False)):
+    for matter, prevented in ((known & np.isin(prevention, CAREFULLY), True), (known, False)):
         found = first_case(kinds, weights, points, matter)
         if found is not None:
             return found, prevented

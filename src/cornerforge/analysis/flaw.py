@@ -27,6 +27,8 @@ FLAWS: dict[str, str] = {
     "forgets": "forgets vehicles ahead that it had heeded",
     "does-not-brake": "does not brake for vehicles ahead",
     "too-close": "keeps too little distance",
+    "brakes-hard": "brakes hard for nothing",
+    "late-at-cut-ins": "brakes late when others cut in",
 }
 """Name of each flaw, and what the AV does, after "This AV"."""
 
@@ -35,8 +37,9 @@ _NOTHING = "Nothing was found that is this AV's own doing"
 LEAST_CASES, LEAST_SHARE = 3, 0.02
 """A flaw shows in at least so many cases, and in this share of all crashes."""
 _CHANGES, _INTO_REAR = ("not-behind", "not-beside", "cuts-in"), ("stops-heeding", "does-not-brake")
-_GROUPS = (("hesitates",), _CHANGES, ("brakes-late",), _INTO_REAR, ("too-close",))
-_MANY, _NEARLY_ALL = 0.2, 0.8
+_REACTS = ("reacts-late",)
+_GROUPS = (("hesitates",), _CHANGES, ("brakes-late",), _INTO_REAR, ("too-close",), ("brakes-hard",), _REACTS)
+_MANY, _HALF, _NEARLY_ALL = 0.2, 0.5, 0.8
 """Shares of the cases of a group in which one of its conducts must show to name the flaw."""
 _ONE_SIDE, _SIDED_CASES = 0.95, 8
 _LEFT, _RIGHT = 1, 2
@@ -151,11 +154,14 @@ def _name(
     weight: NDArray[np.float64],
 ) -> str:
     """Name the flaw of a group of conducts."""
-    if len(group) == 1:
-        return group[0]
 
     def share_of(which: NDArray[np.bool_]) -> float:
         return float(weight[rows[which]].sum() / weight[rows].sum())
+
+    if group is _REACTS:
+        return "brakes-late" if share_of(conduct.side[rows] == 0) > _HALF else "late-at-cut-ins"
+    if len(group) == 1:
+        return group[0]
 
     if share_of(names[rows] == "cuts-in") >= _NEARLY_ALL:
         return "too-close"

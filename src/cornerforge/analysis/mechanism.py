@@ -11,9 +11,9 @@ lanes and accelerations only, so they hold for any AV and any traffic. In this o
 4. A side took part: named after the vehicle that had moved into the other's path (`bv-side`, `av-side`); `other` if
    neither had.
 
-A lane change counts once it has moved 0.2 m, while it lasts and for 3 s after; "moved into the path" means that when it began the two did not
-overlap laterally and it went towards the other. A driver that turned back too late had moved into the path too. If both
-moved under 3 or 4: the one that began later. Hard braking: -3 m/s2 or less within 3 s.
+A lane change counts once it has moved 0.2 m, while it lasts and for 3 s after; "moved into the path" means that when it
+began the two did not overlap laterally and it went towards the other. A driver that turned back too late had moved into
+the path too. If both moved under 3 or 4: the one that began later. Hard braking: -3 m/s2 or less within 3 s.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer, check_number
 from cornerforge.analysis.avoidability import AvoidParams, manoeuvres_of, problem_of
 from cornerforge.counterfactual import (
+    AV_BRAKES,
     MANOEUVRES,
     Judgements,
     JudgeScratch,
@@ -29,7 +30,12 @@ from cornerforge.types import FRAME_S, Odd, Scenario
 from cornerforge.work import Rooms, in_order
 
 __all__ = [
+    "CAREFULLY",
+    "MOST",
+    "NOT_JUDGED",
     "PREVENTED_COLUMNS",
+    "PREVENTION",
+    "PREVENTIONS",
     "REACTIONS_S",
     "Driven",
     "Prevented",
@@ -43,9 +49,26 @@ __all__ = [
 _CHUNK = 256
 _NOBODY = "nobody"
 _OWN = -1.0
+MOST = 3
+"""Reference drivers, of four, that speak for a careful driver: one or two of them differ too much from the others."""
 
 REACTIONS_S = (0.0, 0.5, 0.75, 1.0, 1.5)
 """Reaction times that are compared [s]."""
+
+
+PREVENTIONS: dict[str, str] = {
+    "by braking": "a careful driver would have prevented it by braking: at least three of four models do, or the AV's "
+    "motion alone tells that it braked too late",
+    "by leaving it out": "a careful driver would have kept lane, speed and distance instead of what the AV began",
+    "another speed": "the speed that the AV then had would have been enough, which no care would have told",
+    "models differ": "one or two of four models of a careful driver would have prevented it by braking",
+    "nobody": "no model of a careful driver would have prevented it",
+    "not judged": "it cannot be judged",
+}
+"""What would have prevented a crash, and its meaning."""
+PREVENTION = tuple(PREVENTIONS)
+CAREFULLY, NOT_JUDGED = PREVENTION[:2], PREVENTION[-1]
+"""The ways in which a careful driver prevents."""
 
 
 def _column(driver: str) -> str:
@@ -57,6 +80,7 @@ PREVENTED_COLUMNS: tuple[Field, ...] = (
           "cannot be judged.", nullable=True),
     Field("prevented_by", "string", "", f"Reference drivers that would have prevented it, of {', '.join(CAREFUL)}; "
           f'"{_NOBODY}": none; null: it cannot be judged.', nullable=True),
+    Field("prevention", "string", "", f"What would have prevented it: {', '.join(PREVENTION)}."),
     Field("held_speed_prevents", "bool", "", "Would it have been prevented by holding the speed, without any braking? "
           "null: it cannot be judged.", nullable=True),
     *(Field(f"least_ttc_{_column(name)}_s", "float64", "s", f"Least time to collision of {name} in the AV's place; "
@@ -113,6 +137,9 @@ class Prevention:
         held: Prevented by holding the speed alone, (C,), False where not judged.
         least_ttc: [s], inf where it never closes in, (C, drivers).
         braking: Hardest braking [m/s2], (C, drivers).
+        reacts: Where at least `MOST` of them prevent it by braking: frames before the contact at which the last of
+            these saw danger; else -1, int64 (C,).
+        calm: None of them saw danger before the contact, (C,).
     """
 
     judged: NDArray[np.bool_]
@@ -121,9 +148,29 @@ class Prevention:
     held: NDArray[np.bool_]
     least_ttc: NDArray[np.float64]
     braking: NDArray[np.float64]
+    reacts: NDArray[np.int64]
+    calm: NDArray[np.bool_]
 
-    def columns(self) -> dict[str, Any]:
-        """Make the values of `PREVENTED_COLUMNS`; NaN stands for null."""
+    @property
+    def needless(self) -> NDArray[np.bool_]:
+        """Mark the cases that began with braking of the AV for which no driver saw a need, bool (C,)."""
+        return np.asarray((self.manoeuvre == AV_BRAKES) & self.held & self.calm)
+
+    def ways(self, slow: NDArray[np.bool_], begun: NDArray[np.bool_]) -> NDArray[np.str_]:
+        """Say of each case what would have prevented it, one of `PREVENTION`, (C,).
+
+        Args:
+            slow: Cases in which the AV braked too late or not at all by its motion alone (`analysis.conduct`), (C,).
+            begun: Cases in which it did something wrong that it could have left out, (C,).
+        """
+        some = self.prevented.any(axis=1)
+        found = np.where(self.held, PREVENTION[2], np.where(some, PREVENTION[3], PREVENTION[4]))
+        found = np.where(begun & (self.held | some), PREVENTION[1], found)
+        found = np.where((self.reacts >= 0) | slow, PREVENTION[0], found)
+        return np.asarray(np.where(self.judged, found, NOT_JUDGED), np.str_)
+
+    def columns(self, slow: NDArray[np.bool_], begun: NDArray[np.bool_]) -> dict[str, Any]:
+        """Make the values of `PREVENTED_COLUMNS`; NaN stands for null. Arguments as for `ways`."""
         names, manoeuvres = list(CAREFUL), list(MANOEUVRES)
         said = [
             (", ".join(n for n, yes in zip(names, row, strict=True) if yes) or _NOBODY) if judged else None
@@ -137,6 +184,7 @@ class Prevention:
                 for code, judged in zip(self.manoeuvre.tolist(), self.judged.tolist(), strict=True)
             ],
             "prevented_by": said,
+            "prevention": self.ways(slow, begun),
             "held_speed_prevents": [
                 held if judged else None for held, judged in zip(self.held.tolist(), self.judged.tolist(), strict=True)
             ],
@@ -175,9 +223,12 @@ def prevention_of(
         parts = list(in_order(judge, 0, recordings.n_cases, chunk=_CHUNK, threads=threads))
         out = Judgements(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     untouched = (out.touched < 0) & judged[:, None]
+    brakes = untouched[:, :HOLDS] & ~untouched[:, HOLDS:] & (out.reacted[:, :HOLDS] >= 0)
+    seen = recordings.last - np.where(brakes, out.reacted[:, :HOLDS], -1).max(axis=1, initial=-1)
     return Prevention(
         judged, out.manoeuvre, untouched[:, :HOLDS], untouched[:, HOLDS], out.least_ttc[:, :HOLDS],
-        out.braking[:, :HOLDS],
+        out.braking[:, :HOLDS], np.where(brakes.sum(axis=1) >= MOST, np.maximum(seen, 0), -1),
+        ~np.any((out.reacted[:, :HOLDS] >= 0) & (out.reacted[:, :HOLDS] <= recordings.last[:, None]), axis=1),
     )  # fmt: skip
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.analysis.conduct import NO_CONDUCT
-from cornerforge.analysis.first_case import PREVENTION
 from cornerforge.analysis.flaw import FLAWS
+from cornerforge.analysis.prevented import CAREFULLY, NOT_JUDGED, PREVENTION
 from cornerforge.intervals import binomial_interval, share_interval, weighted_interval
 from cornerforge.report import text
 from cornerforge.report.kinds import kind_in_words
@@ -20,7 +20,7 @@ from cornerforge.results.analysis import Natural, NaturalKind, OwnDoing
 
 __all__ = ["Answer", "Front", "Known", "Look", "front_of", "how_often"]
 
-DRIVERS = "four models of a careful driver"
+DRIVERS = "at least three of four models of a careful driver"
 
 
 @dataclass(frozen=True)
@@ -198,20 +198,20 @@ def _ways_out(known: Known) -> _Share | None:
 
 
 def _prevented(known: Known) -> tuple[_Share, float, float] | None:
-    """Share of crashes that a careful driver would have prevented; of it by braking, and by holding its speed."""
+    """Share that a careful driver would have prevented; of it by braking, and by leaving out what the AV began."""
     cases = known.cases
     if cases is not None and cases.judged.any():
-        braking, held = (cases.prevention == how for how in PREVENTION[:2])
+        braking, left_out = (cases.prevention == how for how in CAREFULLY)
         return (
-            _natural_share(cases, braking | held),
+            _natural_share(cases, braking | left_out),
             _natural_share(cases, braking).share,
-            _natural_share(cases, held).share,
+            _natural_share(cases, left_out).share,
         )
     found = known.analysis.prevented
-    if known.natural is not None or found is None:
+    if known.natural is not None or found is None or found.careful is None:
         return None
-    n, k = found.cases, found.any.cases
-    return _Share(k / n, *binomial_interval(k, n), n), found.any.by_braking / n, (k - found.any.by_braking) / n
+    n, k, braked = found.cases, found.careful.cases, found.careful.by_braking
+    return _Share(k / n, *binomial_interval(k, n), n), braked / n, (k - braked) / n
 
 
 def _careful(known: Known) -> Answer:
@@ -220,17 +220,17 @@ def _careful(known: Known) -> Answer:
     kind = "natural crashes" if known.natural is not None else _made(known)
     words, short = [], ""
     if prevented is not None:
-        all_, braking, held = prevented
+        all_, braking, left_out = prevented
         short = f"In {text.share(all_.share)} of them" if all_.share > 0.0 else "None of them"
         words.append(
-            f"({all_.words} {kind}; {DRIVERS}): {text.share(braking)} by braking, in {text.share(held)} it was "
-            "enough to hold the speed and the lane."
+            f"({all_.words} {kind}; {DRIVERS}): {text.share(braking)} by braking, {text.share(left_out)} by leaving "
+            "out what the AV began."
         )
     if ways is not None:
         reaction = (known.natural or known.analysis).judges.lead.reaction_s  # type: ignore[union-attr]
         words.append(
-            f"An AV that brakes or steers as well as can be {text.rate(reaction, 2)} s after the manoeuvre began that "
-            f"led to it could have avoided {text.share(ways.share)} ({ways.words})."
+            f"In hindsight, an AV that brakes or steers as well as can be {text.rate(reaction, 2)} s after the "
+            f"manoeuvre that led to it began could have avoided {text.share(ways.share)} ({ways.words})."
         )
         short = short or f"{text.share(ways.share)} could have been avoided"
     if not words:
@@ -239,11 +239,10 @@ def _careful(known: Known) -> Answer:
 
 
 _HOW = {
-    "by braking": "that a careful driver would have prevented; in this case by braking.",
-    "holding the speed is enough": "that a careful driver would have prevented; in this case it is enough to hold the "
-    "speed and the lane.",
-    "nobody": "of natural crash. No reference driver would have prevented one.",
-    "not judged": "of natural crash.",
+    PREVENTION[0]: "that a careful driver would have prevented; in this case by braking.",
+    PREVENTION[1]: "that a careful driver would have prevented; in this case by not beginning what the AV began.",
+    "nobody": "of natural crash. A careful driver would have prevented none.",
+    NOT_JUDGED: "of natural crash.",
 }
 """Why a case is watched first, by what would have prevented it."""
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cornerforge.analysis.avoidability import WayOut
 from cornerforge.analysis.conduct import CONDUCTS, NO_CONDUCT
+from cornerforge.analysis.prevented import NOT_JUDGED, PREVENTION
 from cornerforge.results import Analysed
 from cornerforge.results.analysis import FAULTS, Avoidability, Coverage, OwnDoing, Prevented
 
@@ -48,7 +49,7 @@ class CaseJudgement:
     manoeuvre_s: float | None
     latest_s: float | None
     prevented_by: str | None
-    held_speed_prevents: bool | None
+    prevention: str | None
     conduct: str
     conduct_s: float | None
     way_out: WayOut | None
@@ -87,6 +88,8 @@ CONDUCT_WORDS = dict(
             "does not brake",
             "too close",
             "cuts in",
+            "brakes hard for nothing",
+            "reacts late",
         ),
         strict=True,
     )
@@ -100,8 +103,8 @@ def conducts_in_words(found: OwnDoing, words: Mapping[str, str] = CONDUCT_WORDS)
 
 
 def prevented_kinds(found: Prevented) -> dict[str, int]:
-    """Cases that each reference driver would have prevented, and among them the cases prevented by its braking."""
-    kinds: dict[str, int] = {}
+    """Cases that a careful driver, and each reference driver, would have prevented, and of these by its braking."""
+    kinds: dict[str, int] = {} if found.careful is None else {"a careful driver": found.careful.cases}
     for name, one in found.by.items():
         kinds |= {name: one.cases, f"{name}, by braking": one.by_braking}
     return kinds
@@ -131,7 +134,7 @@ def read_table(file: Path, names: list[str], command: str, case_ids: Iterable[st
 
 JUDGED = (
     "fault", "fault_rule", "fault_s", "avoidability", "manoeuvre_begin_s", "latest_any_s", "prevented_by",
-    "held_speed_prevents", "conduct", "conduct_s",
+    "prevention", "conduct", "conduct_s",
 )  # fmt: skip
 """Columns of `cases.parquet` that a `CaseJudgement` is made of, in the order of its fields."""
 _WAY = ["witness_x_m", "witness_y_m", "witness_speed_mps", "witness_heading_rad"]
@@ -194,14 +197,15 @@ def _conduct_in_words(known: CaseJudgement) -> str:
 
 
 def _prevented_in_words(known: CaseJudgement) -> str:
-    """Say which reference drivers would have prevented a case; "" where it was not judged."""
-    if known.prevented_by is None:
-        return ""
-    if known.held_speed_prevents:
-        return " To hold the speed would have been enough to prevent it."
-    if known.prevented_by == "nobody":
-        return " No reference driver would have prevented it."
-    return f" In the AV's place it would have been prevented, by braking, by {known.prevented_by}."
+    """Say whether a careful driver would have prevented a case; "" where it was not judged."""
+    return {
+        PREVENTION[0]: f" A careful driver would have prevented it by braking ({known.prevented_by}).",
+        PREVENTION[1]: " A careful driver would not have begun it: to keep lane and speed would have been enough.",
+        PREVENTION[2]: " The speed that it then had would have been enough, but no care would have told so.",
+        PREVENTION[3]: f" Models of a careful driver differ: only {known.prevented_by} would have prevented it by "
+        "braking.",
+        PREVENTION[4]: " No careful driver would have prevented it.",
+    }.get(known.prevention or NOT_JUDGED, "")
 
 
 _HOW = {"by both": "by braking or by steering", "by combination": "by braking and steering together"}

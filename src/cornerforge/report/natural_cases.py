@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.analysis.first_case import PREVENTION, FirstCase, preventions, what_to_see_first
+from cornerforge.analysis.first_case import FirstCase, what_to_see_first
+from cornerforge.analysis.prevented import NOT_JUDGED
 from cornerforge.report.judged import read_table
 
 __all__ = ["NaturalCases", "read_natural_cases"]
@@ -22,7 +23,7 @@ class NaturalCases:
         case_id, mechanism, crash_type: Facts of each case; mechanism "" where the library does not say it.
         weight: Crashes per test that it stands for, shape (S,).
         points: Places in the plane of the principal components, shape (S, 2).
-        prevention: What would have prevented it, one of `analysis.first_case.PREVENTION`, shape (S,).
+        prevention: What would have prevented it, one of `analysis.prevented.PREVENTION`, shape (S,).
     """
 
     case_id: list[str]
@@ -35,7 +36,7 @@ class NaturalCases:
     @property
     def judged(self) -> NDArray[np.bool_]:
         """Mark the cases that were judged for prevention, bool (S,)."""
-        return np.not_equal(self.prevention, PREVENTION[3])
+        return np.not_equal(self.prevention, NOT_JUDGED)
 
     def first(self) -> tuple[FirstCase, bool] | None:
         """Choose the case to look at first, as `what_to_see_first` does."""
@@ -63,7 +64,7 @@ def read_natural_cases(library: Path, analysis: Path, command: str) -> NaturalCa
     if "mechanism" in cases.extra:
         rows = cases.scalars(["case_id", "mechanism"])
         mechanisms = dict(zip(rows["case_id"].to_pylist(), rows["mechanism"].to_pylist(), strict=True))
-    names = ["case_id", "crash_type", "pc1", "pc2", "prevented_by", "held_speed_prevents"]
+    names = ["case_id", "crash_type", "pc1", "pc2", "prevention"]
     found = read_table(analysis / "cases.parquet", names, command)
     rows_known = [row for row, case in enumerate(found["case_id"]) if weights.get(case, 0.0) > 0.0]
     column = {name: [found[name][row] for row in rows_known] for name in names}
@@ -73,5 +74,5 @@ def read_natural_cases(library: Path, analysis: Path, command: str) -> NaturalCa
         crash_type=column["crash_type"],
         weight=np.array([weights[case] for case in column["case_id"]], np.float64),
         points=np.stack([np.array(column[name], np.float64) for name in ("pc1", "pc2")], axis=-1),
-        prevention=preventions(column["prevented_by"], column["held_speed_prevents"]),
+        prevention=np.array(column["prevention"], np.str_),
     )

@@ -97,6 +97,13 @@ class Prevented(Declared):
     by: Annotated[dict[str, PreventedShare], meant("By reference driver.")]
     any: Annotated[PreventedShare, meant("By at least one of them.")]
     held: Annotated[Whole, meant("Cases in which holding the speed is enough, whoever drives.")]
+    careful: Annotated[
+        PreventedShare | None,
+        meant(
+            "By a careful driver (docs/adr/0069): at least three of the four by braking, or by leaving out a mistake "
+            "that the AV began; missing in files of earlier versions."
+        ),
+    ] = None
 
 
 class ShareAtReaction(Declared):
@@ -236,8 +243,8 @@ class Natural(Declared):
     prevented_by: Annotated[
         dict[str, NaturalKind] | None,
         meant(
-            "What each reference driver would have prevented, and as `NAME, by braking` where holding the speed is not "
-            "enough; missing in files of earlier versions."
+            "What `a careful driver` and each reference driver would have prevented, and as `NAME, by braking` where "
+            "holding the speed is not enough; missing in files of earlier versions."
         ),
     ] = None
     conducts: Annotated[

@@ -274,16 +274,23 @@ def _avoidability(table: pa.Table, is_drawn: NDArray[np.bool_], reaction: float)
 
 def _prevented_masks(table: pa.Table) -> dict[str, NDArray[np.bool_]]:
     """Mark the cases that each reference driver would have prevented: at all, and by braking."""
+    from cornerforge.analysis.prevented import CAREFULLY
     from cornerforge.drivers.careful import CAREFUL
 
     said = [set() if names is None else set(names.split(", ")) for names in _strings(table, "prevented_by")]
     held = np.array([bool(value) for value in table.column("held_speed_prevents").to_pylist()], np.bool_)
     by = {name: np.array([name in names for names in said], np.bool_) for name in CAREFUL}
-    return by | {f"{name}{_BY_BRAKING}": cases & ~held for name, cases in by.items()}
+    careful = {"a careful driver": np.isin(_ways(table), CAREFULLY)}
+    return careful | by | {f"{name}{_BY_BRAKING}": cases & ~held for name, cases in by.items()}
+
+
+def _ways(table: pa.Table) -> NDArray[np.str_]:
+    return np.array(_strings(table, "prevention"), np.str_)
 
 
 def _prevented(table: pa.Table) -> dict[str, Any] | None:
     """Count what each reference driver would have prevented; None when no case could be judged."""
+    from cornerforge.analysis.prevented import PREVENTION
     from cornerforge.drivers.careful import CAREFUL
 
     masks = _prevented_masks(table)
@@ -308,6 +315,7 @@ def _prevented(table: pa.Table) -> dict[str, Any] | None:
         "by": {name: share(*pair) for name, pair in by.items()},
         "any": share(every, braked),
         "held": held,
+        "careful": share(masks["a careful driver"], _ways(table) == PREVENTION[0]),
     }
 
 
@@ -315,6 +323,8 @@ def _compared(
     found: Analysis, table: pa.Table, drawn: frozenset[str], reaction: float, reacting: dict[str, NDArray[np.bool_]]
 ) -> dict[str, Any] | None:
     """Compare the judges on the drawn cases that all of them judged; None: there is none."""
+    from cornerforge.drivers.careful import CAREFUL
+
     said, ways = _strings(table, "prevented_by"), _strings(table, "avoidability")
     rows = [
         row
@@ -325,7 +335,7 @@ def _compared(
     compared = judges_of(
         _column(table, "time_to_react_s")[rows],
         _own(table)[rows],
-        {name: cases[rows] for name, cases in masks.items() if not name.endswith(_BY_BRAKING)},
+        {name: masks[name][rows] for name in CAREFUL},
         np.array([bool(held[row]) for row in rows], np.bool_),
         np.array([reacting[found.case_ids[row]] for row in rows], np.bool_),
         float(reaction) or LEAD_S,

@@ -33,7 +33,7 @@ __all__ = [
     "reward_numbers",
 ]
 
-CRASH, STRIKING, AVOIDABLE, PREVENTABLE, BY_BRAKING, OWN_FAULT = range(6)
+CRASH, STRIKING, AVOIDABLE, PREVENTABLE, BY_BRAKING, OWN_FAULT, OWN_DOING = range(7)
 DRIVER = "cc-human"
 """The reference driver of rewards that ask one, where the name gives none."""
 _FACING = 0.5
@@ -75,6 +75,11 @@ REWARDS = {
         by_case=True,
     ),
     "own-fault": Reward(OWN_FAULT, "a crash in which the AV broke a rule of RSS, alone or both did", by_case=True),
+    "own-doing": Reward(
+        OWN_DOING,
+        "a crash in which the AV did something wrong, as the analysis says it (docs/adr/0069-one-judgement.md)",
+        by_case=True,
+    ),
 }
 """The rewards by name; the two that ask a reference driver may end in a colon and a name of `careful.CAREFUL`."""
 
@@ -242,6 +247,7 @@ _RULES: dict[str, Any] = {
     "preventable": _none_here,
     "preventable-by-braking": _none_here,
     "own-fault": _none_here,
+    "own-doing": _none_here,
 }
 """Which crashes of the AV each reward pays for, by whether the AV strikes and whether braking would have avoided it."""
 _rule_of: Any = kernel_by_code({name: reward.code for name, reward in REWARDS.items()}, _RULES)

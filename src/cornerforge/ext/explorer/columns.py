@@ -12,7 +12,6 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from cornerforge.analysis.crash_types import CRASH_TYPES
-from cornerforge.analysis.first_case import preventions
 from cornerforge.analysis.variety import crash_cells
 from cornerforge.errors import InputError
 from cornerforge.ext.explorer.sources import Analysis, Source
@@ -175,10 +174,6 @@ def _derived(source: Source, analysis: Analysis | None, table: pa.Table, part: _
     made |= _cells(source, table)
     if analysis is None:
         return made
-    by = _values(part, "prevented_by")
-    if by is not None:
-        held = _values(part, "held_speed_prevents") or [None] * n
-        made["prevention"] = pa.array(preventions(by, held).tolist())
     label, react, last = (_values(part, name) for name in ("avoidability", "time_to_react_s", "latest_any_s"))
     if label is not None and react is not None and last is not None:
         made["way_out"] = pa.array([_way_out(*of_case) for of_case in zip(label, react, last, strict=True)])

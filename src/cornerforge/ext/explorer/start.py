@@ -9,8 +9,9 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from cornerforge.analysis.first_case import PREVENTION, what_to_see_first
+from cornerforge.analysis.first_case import what_to_see_first
 from cornerforge.analysis.flaw import FLAWS, headline
+from cornerforge.analysis.prevented import CAREFULLY, NOT_JUDGED, PREVENTION
 from cornerforge.ext.explorer.columns import CaseTable
 from cornerforge.ext.explorer.sources import Analysis, Source
 from cornerforge.ext.explorer.words import KINDS, VALUES
@@ -114,9 +115,7 @@ def _card(title: str, key: str, told: str, often: str = "", filters: Mapping[str
 
 _BY = {
     PREVENTION[0]: "A careful driver in the AV's place would have prevented this one by braking.",
-    PREVENTION[
-        1
-    ]: "A careful driver in the AV's place would have prevented this one: to hold the speed and the lane is enough.",
+    PREVENTION[1]: "A careful driver in the AV's place would not have begun what led to this one.",
 }
 
 
@@ -125,7 +124,7 @@ def _most_frequent(cases: _Cases) -> dict[str, Any] | None:
     often = cases.numbers("often")
     known = often > 0.0
     column = _kind_column(cases)
-    prevention = np.array([how or PREVENTION[3] for how in cases.texts("prevention")], np.str_)
+    prevention = np.array([how or NOT_JUDGED for how in cases.texts("prevention")], np.str_)
     points = np.stack([cases.numbers("pc1"), cases.numbers("pc2")], axis=1)
     first = what_to_see_first(cases.texts(column).tolist(), np.where(known, often, 0.0), points, prevention)
     if first is None:
@@ -135,8 +134,8 @@ def _most_frequent(cases: _Cases) -> dict[str, Any] | None:
     if prevented:
         title = "The most frequent crash that a careful driver would have prevented"
         end = _BY[str(prevention[found.row])]
-        filters["f.prevention"] = "|".join(PREVENTION[:2])
-    elif (prevention[known] == PREVENTION[3]).all():
+        filters["f.prevention"] = "|".join(CAREFULLY)
+    elif (prevention[known] == NOT_JUDGED).all():
         title, end = "The most frequent crash", "Nobody looked whether a careful driver would have prevented it."
     else:
         title = "No crash here would have been prevented by a careful driver"
@@ -191,7 +190,7 @@ def _most_severe(cases: _Cases, but: str | None) -> dict[str, Any] | None:
         f"{_sentence(column, str(cases.texts(column)[row]))} They meet at {speed:.0f} m/s ({_KMH * speed:.0f} km/h) "
         f"relative to each other. {_BY[str(prevention[row])]}"
     )
-    filters = {"f.source": cases.name, "f.prevention": "|".join(PREVENTION[:2])}
+    filters = {"f.source": cases.name, "f.prevention": "|".join(CAREFULLY)}
     return _card("The most severe crash that a careful driver would have prevented", cases.key(row), told, "", filters)
 
 

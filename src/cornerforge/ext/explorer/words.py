@@ -14,8 +14,10 @@ VALUES: dict[str, dict[str, str]] = {
     "source": {"natural": "natural traffic", "adversary": "made by the adversary", "scripted": "scripted"},
     "prevention": {
         "by braking": "a careful driver, by braking",
-        "holding the speed is enough": "holding the speed is enough",
-        "nobody": "no reference driver",
+        "by leaving it out": "a careful driver, by not beginning it",
+        "another speed": "another speed, by chance",
+        "models differ": "models of a careful driver differ",
+        "nobody": "no careful driver",
         "not judged": "not judged",
     },
     "way_out": {
@@ -55,7 +57,7 @@ VALUES: dict[str, dict[str, str]] = {
 
 _LABELS = {
     "source": "where it comes from",
-    "prevention": "prevented by a reference driver",
+    "prevention": "what would have prevented it",
     "way_out": "way out for the AV",
     "often": "how often on the road",
     "role": "why look at it",

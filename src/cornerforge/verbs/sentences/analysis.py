@@ -67,6 +67,13 @@ def judgement_text(r: Analysed) -> list[str]:
     if r.prevented is not None:
         told = r.prevented
         shares = ", ".join(f"{name} {one.cases:,} ({one.by_braking:,})" for name, one in told.by.items())
+        if told.careful is not None:
+            low, high = told.careful.interval95
+            lines.append(
+                f"A careful driver would have prevented {100.0 * told.careful.share:.1f} % (95 % interval "
+                f"{100.0 * low:.1f} to {100.0 * high:.1f} %): {told.careful.by_braking:,} of {told.cases:,} cases by "
+                f"braking, {told.careful.cases - told.careful.by_braking:,} by leaving out what the AV began"
+            )
         lines.append(
             f"Of {told.cases:,} cases reference drivers in the AV's place would have prevented (by braking): {shares}; "
             f"holding the speed is enough in {told.held:,}"

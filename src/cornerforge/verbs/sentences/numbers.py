@@ -30,7 +30,8 @@ def paid_text(r: Yield, reward: str | None) -> str:
     if r.paid_per_test is None or r.paid_interval95 is None or r.strictly_paid_per_test is None:
         return ""
     low, high = r.paid_interval95
-    strictly = "AV alone at fault" if reward == "own-fault" else "by braking"
+    stricter = {"own-fault": "AV alone at fault", "own-doing": "a reference driver prevents it"}
+    strictly = stricter.get(str(reward), "by braking")
     return f"; {reward}: {r.paid_per_test:.4g} ({low:.3g} to {high:.3g}; {strictly} {r.strictly_paid_per_test:.4g})"
 
 
