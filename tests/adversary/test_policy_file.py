@@ -17,6 +17,7 @@ from cornerforge._checksums import NoChecksumError, write_tensors
 from cornerforge.drivers.policy import HEADS, NetworkShape, n_weights
 from cornerforge.errors import FileFormatError, OutputError
 from cornerforge.experiment.policy_file import Policy, load_policy, policy_hash, policy_numbers, save_policy
+from cornerforge.sim.controllers import Mask
 from cornerforge.sim.observe import N_OBSERVATION, OBSERVATION_VERSION
 
 SHAPE = NetworkShape(N_OBSERVATION, 2, 1, 8)
@@ -47,6 +48,9 @@ def test_round_trip(policy: Policy, tmp_path: Path) -> None:
     assert (loaded.budget, loaded.head) == (None, "greedy")
     save_policy(replace(policy, budget=4.5), path)
     assert load_policy(path).budget == 4.5
+    save_policy(replace(policy, budget=4.5, budget_of="excess", steers_from=5), path)
+    assert (load_policy(path).budget_of, load_policy(path).steers_from) == ("excess", 5)
+    assert load_policy(path).mask == Mask(1, 4_500_001, 1, 5)
     save_policy(replace(policy, head="softmax"), path)
     assert parts(path)[1]["head"] == load_policy(path).head == "softmax"
     assert policy_numbers(load_policy(path)).head == HEADS["softmax"]
@@ -66,7 +70,11 @@ def test_the_hash_is_of_what_decides_how_it_acts(policy: Policy) -> None:
     }
     hashes |= {policy_hash(replace(policy, budget=budget)) for budget in (0.0, 5.0, 6.0)}
     hashes.add(policy_hash(replace(policy, head="softmax")))
-    assert len(hashes) == 7
+    hashes |= {
+        policy_hash(replace(policy, budget=5.0, budget_of="excess")),
+        policy_hash(replace(policy, steers_from=5)),
+    }
+    assert len(hashes) == 9
     assert policy_hash(Policy(policy.weights, SHAPE, True, {})) == policy_hash(policy)
 
 
@@ -135,7 +143,7 @@ DAMAGES = {
     ),
     "header no JSON": (lambda p: save({"weights": parts(p)[0]}, metadata={"cornerforge": "{"}), "damaged"),
     "header a list": (lambda p: save({"weights": parts(p)[0]}, metadata={"cornerforge": "[]"}), "no JSON object"),
-    "newer schema": (lambda p: changed_header(p, schema_version=3), "schema version 3"),
+    "newer schema": (lambda p: changed_header(p, schema_version=4), "schema version 4"),
     "unknown head": (lambda p: changed_header(p, head="softmacks"), 'Did you mean "softmax"'),
     "head a number": (lambda p: changed_header(p, head=1), "head"),
     "other observation": (lambda p: changed_header(p, observation_version=99), "observation version 99"),

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cornerforge._checks import check_number
+from cornerforge._checks import check_in, check_number
 from cornerforge.drivers.avs import numbers_of_av
 from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.drivers.policy import NO_POLICY
@@ -24,7 +24,7 @@ from cornerforge.road.straight import road_numbers
 from cornerforge.sim import Setting, controllers, n_slots, observe
 from cornerforge.types import Odd, odd_named
 from cornerforge.work import is_spread
-from cornerforge.world_options import WorldOptions
+from cornerforge.world_options import BUDGETS, STEER_FROM, WorldOptions
 
 __all__ = [
     "AV_LOG",
@@ -142,6 +142,14 @@ def _check_av(spec: AvSpec, *, takes_foreign: bool, takes_recorded: bool) -> Non
         )
 
 
+def _common(policies: Sequence[Policy]) -> tuple[float | None, str, int | None]:
+    """Say what budget the policies have, what it limits and when they begin to steer; None where they differ."""
+    first = policies[0]
+    budgets = {(p.budget, p.budget_of) for p in policies}
+    budget, budget_of = budgets.pop() if len(budgets) == 1 else (None, BUDGETS[0])
+    return budget, budget_of, first.steers_from if len({p.steers_from for p in policies}) == 1 else None
+
+
 def experiment(
     world: WorldOptions | None = None,
     *,
@@ -175,12 +183,15 @@ def experiment(
     """
     world = replace(world or WorldOptions(), **keywords)
     model, bounded, budget = world.model, world.bounded, world.budget
+    check_in("budget_of", world.budget_of, BUDGETS)
     road = road or road_of(world)
     spec, av_model = spec_of(world), av_of(world.av)
     _check_av(spec, takes_foreign=takes_foreign, takes_recorded=takes_recorded)
     ndd = model if isinstance(model, NddModel) else load_model(default_model_path() if model is None else Path(model))
     bounded = bounded or budget is not None
     budget = check_budget(budget, bounded=bounded)
+    if budget is None and world.budget_of != BUDGETS[0]:
+        raise InputError(f"budget_of = {world.budget_of!r} says what a budget limits; give the budget too.")
     known = ("nde", "idm", *(name for name in controllers.ADVERSARIES if name not in ("nobody", "policy")))
     names = [str(name) for name in ([bv] if isinstance(bv, (str, Path)) else bv)]
     if not names:
@@ -193,11 +204,20 @@ def experiment(
         for file, loaded in zip(names, policies, strict=True):
             _warn_of_another_world(loaded, file, road, ndd)
     driver = "policy" if policies else names[0]
+    budget_of, steers_from = world.budget_of, world.steer_from
     if policies:
         if budget is not None:
-            policies = tuple(replace(p, bounded=True, budget=budget) for p in policies)
+            policies = tuple(replace(p, bounded=True, budget=budget, budget_of=budget_of) for p in policies)
+        if steers_from is not None:
+            policies = tuple(replace(p, steers_from=steers_from) for p in policies)
         bounded = all(p.bounded for p in policies)
-        budget = policies[0].budget if len({p.budget for p in policies}) == 1 else None
+        budget, budget_of, steers_from = _common(policies)
+    elif driver in ("nde", "idm"):
+        if steers_from:
+            raise InputError(f"steer_from = {steers_from} needs an adversary; {driver} has none. Leave it out.")
+        steers_from = 0
+    elif steers_from is None:
+        steers_from = STEER_FROM if bounded else 0
     if bounded and driver in ("nde", "idm"):
         raise InputError(f"bounded needs an adversary; {driver} has none. Train one with: cornerforge train --bounded")
     if bounded and (ndd.following > 0.0).all() and (ndd.free > 0.0).all():
@@ -226,13 +246,13 @@ def experiment(
             policy=max(numbers, key=lambda p: p.width) if numbers else NO_POLICY,
             budget=observe.budget_units(budget),
             temperature=temperature,
-            cast=controllers.NO_CAST
-            if len(policies) < 2
-            else controllers.cast_of(
-                numbers, [p.bounded for p in policies], [observe.budget_units(p.budget) for p in policies]
-            ),
+            excess=int(budget_of == "excess"),
+            steers_from=steers_from or 0,
+            cast=controllers.NO_CAST if len(policies) < 2 else controllers.cast_of(numbers, [p.mask for p in policies]),
         ),
     )
     spoken = {0.0: "greedy", controllers.AS_LEARNED: "learned"}.get(temperature, f"softmax:{temperature:g}")
-    run = Experiment(road, av_model, ndd, driver, bounded, policies, budget, spoken, setting, n_slots(road))
+    run = Experiment(
+        road, av_model, ndd, driver, bounded, policies, budget, budget_of, steers_from, spoken, setting, n_slots(road)
+    )
     return with_outside_av(run, ForeignAv(spec, road, seed=seed)) if spec.is_outside else run

@@ -132,6 +132,8 @@ def checkpoint_beside(policy: Path, run: Experiment, config: TrainConfig, seed: 
         "seed": seed,
         "bounded": run.bounded,
         "budget": run.budget,
+        "budget_of": run.budget_of,
+        "steers_from": run.steers_from,
         "av_hash": run.av_hash,
         "model_hash": model_hash(run.model),
         **{f"train.{name}": value for name, value in asdict(config).items()},
@@ -184,7 +186,8 @@ def learn(
             checkpoint=checkpoint,
         )
     about = about_training(run, config, result, seed)
-    return Policy(result.weights, config.network, run.bounded, about, run.budget, config.head), result
+    mask = run.bounded, about, run.budget, config.head, run.budget_of, run.setting.who.steers_from
+    return Policy(result.weights, config.network, *mask), result
 
 
 def training_faults(run: Experiment) -> int:
@@ -378,10 +381,13 @@ def _check_same(policy: Policy, run: Experiment, config: TrainConfig, seed: int,
         OutputError: The file holds another policy.
     """
     found = {**policy.about, "bounded": policy.bounded, "budget": policy.budget}
+    found |= {"budget_of": policy.budget_of, "steers_from": policy.steers_from}
     wanted = {
         "seed": seed,
         "bounded": run.bounded,
         "budget": run.budget,
+        "budget_of": run.budget_of,
+        "steers_from": run.steers_from,
         "av_hash": run.av_hash,
         "model_hash": model_hash(run.model),
         "train": asdict(config),

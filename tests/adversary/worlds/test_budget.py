@@ -30,7 +30,7 @@ def test_worlds_that_learn_keep_to_their_budget(model: NddModel) -> None:
     observation, allowed, state = actors.observation, actors.allowed, actors.worlds.state[:, 0]
     scratch, nothing = allocate_scratch(n_slots(odd), NO_POLICY), keep_nothing(n_slots(odd))
     out = allocate_transitions(WORLDS)
-    start_worlds(1, 0, setting, scratch, actors)
+    start_worlds(1, 0, setting, scratch, nothing, actors)
     assert (state["budget_left"] == budget_units(BUDGET)).all()
     p = np.zeros(33)
     poor = 0
@@ -66,7 +66,7 @@ def test_without_a_budget_nothing_is_counted(model: NddModel) -> None:
     setting = setting_of(model, odd, bounded=True).with_drivers(critical=TOLD)
     actors = allocate_actors(4, setting, n_slots(odd), N_OBSERVATION)
     scratch, nothing = allocate_scratch(n_slots(odd), NO_POLICY), keep_nothing(n_slots(odd))
-    start_worlds(1, 0, setting, scratch, actors)
+    start_worlds(1, 0, setting, scratch, nothing, actors)
     for _ in range(5):
         collect(4, AT_RANDOM, setting, REWARD, actors, scratch, nothing, allocate_transitions(4))
         assert (actors.worlds.state["budget_left"] == 0).all()

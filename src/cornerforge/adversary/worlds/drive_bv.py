@@ -21,6 +21,7 @@ from cornerforge.sim import (
     AV_MUST_ANSWER,
     BV_MUST_ANSWER,
     NEVER,
+    OVER,
     Keep,
     World,
     advance,
@@ -64,6 +65,7 @@ __all__ = [
     "reward_of",
     "settle",
     "start_with_bv",
+    "start_world",
     "start_worlds",
 ]
 
@@ -185,16 +187,19 @@ def allocate_actors(n_worlds: int, setting: Setting, slots: int, n_inputs: int) 
 
 @kernel
 def start_with_bv(
-    w: World, seed: int, test: int, step: int, setting: Setting, s: Scratch, observation: NDArray[np.float32],
-    allowed: NDArray[np.bool_],
+    w: World, seed: int, test: int, step: int, setting: Setting, s: Scratch, keep: Keep,
+    observation: NDArray[np.float32], allowed: NDArray[np.bool_],
 ) -> int:  # fmt: skip
-    """Put a world at the start of a test, or of the first of every `step`-th after it that has a BV.
+    """Put a world where the adversary begins to steer in a test, or in the first of every `step`-th that has a BV then.
+
+    With an AV outside the kernels it is put at the start where the adversary steers later; the caller drives it on.
 
     Args:
         w: The world.
         seed, test, step: The tests.
         setting: The run.
         s: Scratch.
+        keep: Nothing is kept.
         observation, allowed: Filled with what the critical BV sees and may do.
 
     Returns:
@@ -205,28 +210,29 @@ def start_with_bv(
     """
     for _ in range(MAX_TRIES):
         reset_world(w, seed, test, setting)
-        if look_as_bv(w, setting, s, observation, allowed) >= 0:
+        must = advance(w, setting, s, keep, w.state[0].steers_from)
+        if must == AV_MUST_ANSWER or (must != OVER and look_as_bv(w, setting, s, observation, allowed) >= 0):
             return test
         test += step
     raise InputError(_NOBODY)
 
 
 @kernel
-def _start_world(seed: int, test: int, b: int, setting: Setting, s: Scratch, actors: Actors) -> None:
-    """Put world b at the start of a test, or of the next of its series that has a BV; fill observation and mask."""
+def start_world(seed: int, test: int, b: int, setting: Setting, s: Scratch, keep: Keep, actors: Actors) -> None:
+    """Begin a test in world b, or the next of its series that has a BV (`start_with_bv`); fill observation and mask."""
     actors.history.answered[b] = 0
     w, n = world_row(actors.worlds, b), actors.allowed.shape[0]
-    start_with_bv(w, seed, test, n, setting, s, actors.observation[b], actors.allowed[b])
+    start_with_bv(w, seed, test, n, setting, s, keep, actors.observation[b], actors.allowed[b])
 
 
 @kernel
-def start_worlds(seed: int, first: int, setting: Setting, s: Scratch, actors: Actors) -> None:
-    """Put world b at the start of test first + b, or of the next of its series that has a BV.
+def start_worlds(seed: int, first: int, setting: Setting, s: Scratch, keep: Keep, actors: Actors) -> None:
+    """Begin test first + b in world b, or the next of its series that has a BV (`start_with_bv`).
 
     The series of world b is every B-th test.
     """
     for b in range(actors.allowed.shape[0]):
-        _start_world(seed, first + b, b, setting, s, actors)
+        start_world(seed, first + b, b, setting, s, keep, actors)
 
 
 @kernel
@@ -365,8 +371,9 @@ def choose(b: int, exploring: Exploring, actors: Actors, s: Scratch, out: Transi
 
 @kernel
 def settle(
-    b: int, exploring: Exploring, setting: Setting, reward: RewardNumbers, actors: Actors, s: Scratch, out: Transitions
-) -> None:
+    b: int, exploring: Exploring, setting: Setting, reward: RewardNumbers, actors: Actors, s: Scratch, keep: Keep,
+    out: Transitions,
+) -> None:  # fmt: skip
     """Complete the transition of world b, whose second is over, and start the next test if due.
 
     The next test is the one with its number plus the number of worlds. A test in which an AV outside failed (AV_FAULT)
@@ -386,7 +393,7 @@ def settle(
             finished.av_crashes += code == outcome.AV_CRASH
             finished.bv_crashes += code == outcome.BV_CRASH
             finished.paid += code == outcome.AV_CRASH and paid > 0.0
-        _start_world(w.state[0].seed, w.state[0].test + actors.allowed.shape[0], b, setting, s, actors)
+        start_world(w.state[0].seed, w.state[0].test + actors.allowed.shape[0], b, setting, s, keep, actors)
     _copy_view(observation, allowed, out.next_observation[b], out.next_allowed[b])
 
 
@@ -411,4 +418,4 @@ def collect(
         w = world_row(actors.worlds, b)
         answer_as_bv(w, choose(b, exploring, actors, s, out))
         advance(w, setting, s, keep, NEVER)
-        settle(b, exploring, setting, reward, actors, s, out)
+        settle(b, exploring, setting, reward, actors, s, keep, out)
