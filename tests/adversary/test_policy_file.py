@@ -18,7 +18,7 @@ from cornerforge.drivers.policy import HEADS, NetworkShape, n_weights
 from cornerforge.errors import FileFormatError, OutputError
 from cornerforge.experiment.policy_file import Policy, load_policy, policy_hash, policy_numbers, save_policy
 from cornerforge.sim.controllers import Mask
-from cornerforge.sim.observe import N_OBSERVATION, OBSERVATION_VERSION
+from cornerforge.sim.observe import N_OBSERVATION
 
 SHAPE = NetworkShape(N_OBSERVATION, 2, 1, 8)
 
@@ -78,6 +78,18 @@ def test_the_hash_is_of_what_decides_how_it_acts(policy: Policy) -> None:
     assert policy_hash(Policy(policy.weights, SHAPE, True, {})) == policy_hash(policy)
 
 
+def test_a_policy_of_the_observation_before_is_read_where_it_meant_the_same(policy: Policy, tmp_path: Path) -> None:
+    path = tmp_path / "p.safetensors"
+    for budget in (None, 10.0, 10.5):
+        save_policy(replace(policy, budget=budget), path)
+        path.write_bytes(changed_header(path, observation_version=2))
+        if budget == 10.5:
+            with pytest.raises(FileFormatError, match="observation version 2"):
+                load_policy(path)
+        else:
+            assert policy_hash(load_policy(path)) == policy_hash(replace(policy, budget=budget))
+
+
 def changed_header(path: Path, **changes: object) -> bytes:
     weights, header = parts(path)
     write_tensors(path, "cornerforge", header | changes, {"weights": weights}, "it")
@@ -97,7 +109,7 @@ def test_a_file_of_version_1_is_greedy_and_has_the_hash_that_it_had(policy: Poli
     write_tensors(path, "cornerforge", header | {"schema_version": 1}, {"weights": weights}, "it")
     old = load_policy(path)
     assert old.head == "greedy"
-    shape = " ".join(str(number) for number in (OBSERVATION_VERSION, N_OBSERVATION, 2, 1, 8))
+    shape = " ".join(str(number) for number in (2, N_OBSERVATION, 2, 1, 8))
     told = f"{shape} True None".encode() + policy.weights.astype("<f4").tobytes()
     assert policy_hash(old) == hashlib.sha256(told).hexdigest()[:16]
 

@@ -117,7 +117,7 @@ def test_the_weights_are_those_of_the_same_av_inside_where_actions_are_drawn() -
 def test_the_weights_are_those_of_the_same_av_inside_where_the_adversary_steers_later() -> None:
     """In the first seconds the AV is asked in worlds that no transition is made of."""
     run = world("rl")
-    later = replace(run, setting=run.setting.with_drivers(steers_from=3))
+    later = replace(run, setting=run.setting.with_drivers(steers_from=3, bounded=1, budget=9_000_001))
     av = opened("twins:Twin", ODD, batch=24)
     found = outside(av, "rl", FEW, run=later)
     assert_same(found, train_adversary(later.setting, later.slots, FEW))

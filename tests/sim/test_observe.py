@@ -172,7 +172,7 @@ def test_an_action_costs_by_how_much_less_likely_it_is(model: NddModel, lead_gap
     assert world.state["budget_left"][0] == 0
 
 
-@pytest.mark.parametrize(("budget", "entry"), [(None, 1.0), (0.0, 0.0), (2.5, 0.25), (10.0, 1.0), (50.0, 1.0)])
+@pytest.mark.parametrize(("budget", "entry"), [(None, 1.0), (0.0, 0.0), (2.5, 0.25), (10.0, 1.0), (50.0, 3.0)])
 def test_the_rest_of_the_budget_is_seen(model: NddModel, budget: float | None, entry: float) -> None:
     world = behind(20.0)
     before = seen(model, world, 1)

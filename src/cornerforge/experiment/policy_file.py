@@ -36,6 +36,10 @@ POLICY_SCHEMA = 3
 MAX_BUDGET = 1e6
 """Largest likelihood budget [nats], far above any shortfall of a test; a larger one is a mistake for "no limit"."""
 _KEY = "cornerforge"
+_HASHED_VERSION = 2
+"""Version of the observation that hashes name, so that those of older policies stay as they are."""
+_SHOWN_THEN = 10.0
+"""Nats of what is left of a budget that version 2 of the observation showed; up to there it is as version 3."""
 
 
 class PolicyHeader(Closed, frozen=True):
@@ -93,7 +97,7 @@ class Policy:
 
     @property
     def mask(self) -> controllers.Mask:
-        """What kernels take of what it may do."""
+        """Mask, as kernels take it."""
         excess = self.budget_of == "excess"
         return controllers.Mask(int(self.bounded), observe.budget_units(self.budget), int(excess), self.steers_from)
 
@@ -126,7 +130,7 @@ def policy_hash(policy: Policy) -> str:
         head += f" {policy.budget_of}"
     if policy.steers_from:
         head += f" {policy.steers_from}"
-    facts = f"{observe.OBSERVATION_VERSION} {s.n_inputs} {s.n_shared} {s.n_stream} {s.width} {mask}{head}"
+    facts = f"{_HASHED_VERSION} {s.n_inputs} {s.n_shared} {s.n_stream} {s.width} {mask}{head}"
     return hashlib.sha256(facts.encode() + policy.weights.astype("<f4").tobytes()).hexdigest()[:16]
 
 
@@ -177,7 +181,9 @@ def _check_versions(header: Mapping[str, object], path: Path) -> None:
     version = header.get("observation_version")
     network = header.get("network")
     inputs = network.get("n_inputs") if isinstance(network, dict) else None
-    if version != observe.OBSERVATION_VERSION or inputs != observe.N_OBSERVATION:
+    budget = header.get("budget")
+    is_alike = version == _HASHED_VERSION and (not isinstance(budget, (int, float)) or budget <= _SHOWN_THEN)
+    if not (version == observe.OBSERVATION_VERSION or is_alike) or inputs != observe.N_OBSERVATION:
         raise FileFormatError(
             f"Policy file {path} was trained for observation version {version} with {inputs} entries; "
             f"this cornerforge has version {observe.OBSERVATION_VERSION} with {observe.N_OBSERVATION}. Train it again."

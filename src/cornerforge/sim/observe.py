@@ -34,8 +34,9 @@ __all__ = [
     "spend_budget",
 ]
 
-OBSERVATION_VERSION = 2
-"""Raised whenever the meaning of an entry changes; stored with every policy. 2 added what is left of the budget."""
+OBSERVATION_VERSION = 3
+"""Raised whenever the meaning of an entry changes; stored with every policy. 2 added what is left of the budget, 3 shows
+up to 30 nats of it, not 10."""
 UNITS_PER_NAT = 1_000_000
 """A likelihood budget is counted in whole units, so that sums are exact and do not depend on their order."""
 _NATS_SHOWN = 10.0
@@ -82,7 +83,7 @@ def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out:
     2, acceleration / 4, lanes free to its left and right (0 or 1); BV: the same without acceleration; relative BV - AV:
     dx / 50 and dx / 10 (clipped to +-3), dy / 4, speed difference / 10, target lanes' difference, lengthwise overlap
     (0 or 1); whether the BV, and the AV, changes lanes (0 or 1); what is left of the likelihood budget / 10 nats, at
-    most 1, and 1 without a budget. Then for each of the 4 vehicles nearest to the BV: dx / 50, dy / 4 and speed
+    most 3, and 1 without a budget. Then for each of the 4 vehicles nearest to the BV: dx / 50, dy / 4 and speed
     difference / 10 to the BV, target lane minus BV's, and 1; all 0 where there is no vehicle.
 
     Args:
@@ -117,7 +118,7 @@ def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out:
     out[18] = 1.0 if v[bv].duration > 0.0 else 0.0
     out[19] = 1.0 if v[0].duration > 0.0 else 0.0
     left = w.state[0].budget_left
-    out[20] = min(1.0, (left - 1) / (_NATS_SHOWN * UNITS_PER_NAT)) if left > 0 else 1.0
+    out[20] = min(3.0, (left - 1) / (_NATS_SHOWN * UNITS_PER_NAT)) if left > 0 else 1.0
     for k in range(_nearest_others(w, bv, found)):
         j = found[k]
         place = N_OWN + _PER_OTHER * k

@@ -132,7 +132,7 @@ def start_as_bv(begin: int, end: int, setting: Setting, agents: BvAgents, s: Scr
         if agents.chosen[b]:
             agents.tests[b] = start_with_bv(
                 world_row(agents.worlds, b), agents.seeds[b], agents.tests[b], 1, setting, s, keep,
-                agents.observation[b], agents.allowed[b],
+                agents.observation[b], agents.allowed[b], 0,
             )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ which chooses here (`collect`; with an AV outside the kernels `drive_bv_outside`
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -64,8 +65,8 @@ __all__ = [
     "drive_again",
     "reward_of",
     "settle",
+    "start_next",
     "start_with_bv",
-    "start_world",
     "start_worlds",
 ]
 
@@ -148,6 +149,7 @@ class Exploring(NamedTuple):
         guided: Number of worlds, the first ones, in which exploring is guided: mostly an action that helps to make a
             crash. They are not counted in `Actors.finished`.
         guided_epsilon: Least chance of exploring in these worlds.
+        richer: By how much their budgets exceed the budget at most, in its units; drawn evenly for each test.
     """
 
     kind: int
@@ -155,6 +157,7 @@ class Exploring(NamedTuple):
     epsilon: float
     guided: int
     guided_epsilon: float
+    richer: int = 0
 
 
 class Actors(NamedTuple):
@@ -188,7 +191,7 @@ def allocate_actors(n_worlds: int, setting: Setting, slots: int, n_inputs: int) 
 @kernel
 def start_with_bv(
     w: World, seed: int, test: int, step: int, setting: Setting, s: Scratch, keep: Keep,
-    observation: NDArray[np.float32], allowed: NDArray[np.bool_],
+    observation: NDArray[np.float32], allowed: NDArray[np.bool_], richer: int,
 ) -> int:  # fmt: skip
     """Put a world where the adversary begins to steer in a test, or in the first of every `step`-th that has a BV then.
 
@@ -201,6 +204,7 @@ def start_with_bv(
         s: Scratch.
         keep: Nothing is kept.
         observation, allowed: Filled with what the critical BV sees and may do.
+        richer: By how much the likelihood budget, if there is one, is more than it should be, at most.
 
     Returns:
         The number of the test.
@@ -210,7 +214,11 @@ def start_with_bv(
     """
     for _ in range(MAX_TRIES):
         reset_world(w, seed, test, setting)
-        must = advance(w, setting, s, keep, w.state[0].steers_from)
+        state = w.state[0]
+        if richer > 0 and state.budget_left > 0:
+            state.budget_left += math.floor(richer * uniform(block(seed, test, 0, 0, PURPOSE_GUIDE)[0]))
+            state.budget_most = state.budget_left if state.budget_most > 0 else 0
+        must = advance(w, setting, s, keep, state.steers_from)
         if must == AV_MUST_ANSWER or (must != OVER and look_as_bv(w, setting, s, observation, allowed) >= 0):
             return test
         test += step
@@ -218,11 +226,21 @@ def start_with_bv(
 
 
 @kernel
-def start_world(seed: int, test: int, b: int, setting: Setting, s: Scratch, keep: Keep, actors: Actors) -> None:
+def start_world(
+    seed: int, test: int, b: int, richer: int, setting: Setting, s: Scratch, keep: Keep, actors: Actors
+) -> None:
     """Begin a test in world b, or the next of its series that has a BV (`start_with_bv`); fill observation and mask."""
     actors.history.answered[b] = 0
     w, n = world_row(actors.worlds, b), actors.allowed.shape[0]
-    start_with_bv(w, seed, test, n, setting, s, keep, actors.observation[b], actors.allowed[b])
+    start_with_bv(w, seed, test, n, setting, s, keep, actors.observation[b], actors.allowed[b], richer)
+
+
+@kernel
+def start_next(b: int, exploring: Exploring, setting: Setting, s: Scratch, keep: Keep, actors: Actors) -> None:
+    """Begin the next test of world b's series, with a richer budget in a guided world."""
+    state = world_row(actors.worlds, b).state[0]
+    richer = exploring.richer if b < exploring.guided else 0
+    start_world(state.seed, state.test + actors.allowed.shape[0], b, richer, setting, s, keep, actors)
 
 
 @kernel
@@ -232,7 +250,7 @@ def start_worlds(seed: int, first: int, setting: Setting, s: Scratch, keep: Keep
     The series of world b is every B-th test.
     """
     for b in range(actors.allowed.shape[0]):
-        start_world(seed, first + b, b, setting, s, keep, actors)
+        start_world(seed, first + b, b, 0, setting, s, keep, actors)
 
 
 @kernel
@@ -393,7 +411,7 @@ def settle(
             finished.av_crashes += code == outcome.AV_CRASH
             finished.bv_crashes += code == outcome.BV_CRASH
             finished.paid += code == outcome.AV_CRASH and paid > 0.0
-        start_world(w.state[0].seed, w.state[0].test + actors.allowed.shape[0], b, setting, s, keep, actors)
+        start_next(b, exploring, setting, s, keep, actors)
     _copy_view(observation, allowed, out.next_observation[b], out.next_allowed[b])
 
 

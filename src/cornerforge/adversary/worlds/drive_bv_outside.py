@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._jit import kernel
-from cornerforge.adversary.worlds.drive_bv import advance_again, choose, settle, start_world
+from cornerforge.adversary.worlds.drive_bv import advance_again, choose, settle, start_next
 from cornerforge.sim import (
     World,
     advance,
@@ -111,7 +111,9 @@ def end_seconds(
 
 
 @kernel
-def begin_to_steer(rows: NDArray[np.int64], setting: Setting, s: Scratch, keep: Keep, actors: Actors) -> None:
+def begin_to_steer(
+    rows: NDArray[np.int64], exploring: Exploring, setting: Setting, s: Scratch, keep: Keep, actors: Actors
+) -> None:
     """Let the adversary look where it begins to steer now; where a test ended before, or has no BV, begin the next."""
     for k in range(rows.size):
         b = rows[k]
@@ -121,7 +123,7 @@ def begin_to_steer(rows: NDArray[np.int64], setting: Setting, s: Scratch, keep: 
         if runs and state.decisions != state.steers_from:
             continue
         if not runs or look_as_bv(w, setting, s, actors.observation[b], actors.allowed[b]) < 0:
-            start_world(state.seed, state.test + actors.allowed.shape[0], b, setting, s, keep, actors)
+            start_next(b, exploring, setting, s, keep, actors)
 
 
 @kernel
