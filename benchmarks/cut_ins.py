@@ -5,8 +5,8 @@
 In each test natural drivers have the road until the adversary begins to steer. From there all plans are driven in which
 the BV nearest to the AV takes one acceleration, or the likeliest action, for 0 to 3 s, changes lanes towards the AV,
 takes one acceleration for some seconds, and then the likeliest action until 7 s after the begin of the change. Where
-the mask forbids an acceleration, the nearest that it allows is taken. The cheapest plan of each kind of crash counts, in
-nats of shortfall and of excess; a plan ends where another BV becomes the nearest one.
+the mask forbids an acceleration, the nearest that it allows is taken. The cheapest plan of each kind of crash counts,
+in nats of shortfall and of excess; a plan ends where another BV becomes the nearest one.
 """
 
 from __future__ import annotations

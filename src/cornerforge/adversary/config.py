@@ -78,8 +78,9 @@ class DqnConfig(TrainConfig):
 
     `guided` is the share of worlds, at most 0.9, in which exploring mostly means to draw level and swerve, or to ram
     the AV from behind, so that crashes that chance hardly ever makes are seen at all; the chance to explore never falls
-    below `guided_epsilon` there. Their likelihood budgets exceed the budget by up to `richer`: what is left is seen, so a
-    crash that a richer test affords teaches what it would take. The training curve counts the other worlds. `paid_share`: see `replay.BalancedMemory`.
+    below `guided_epsilon` there. Their likelihood budgets exceed the budget by up to `richer`: what is left is seen, so
+    a crash that a richer test affords teaches what it would take. The training curve counts the other worlds.
+    `paid_share`: see `replay.BalancedMemory`.
     `target_limit`: learning targets are cut to [-target_limit, target_limit]. The default 1 is the largest return of a
     test that is paid at its end only; rewards on the way need more.
 

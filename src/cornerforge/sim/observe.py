@@ -35,8 +35,8 @@ __all__ = [
 ]
 
 OBSERVATION_VERSION = 3
-"""Raised whenever the meaning of an entry changes; stored with every policy. 2 added what is left of the budget, 3 shows
-up to 30 nats of it, not 10."""
+"""Raised whenever the meaning of an entry changes; stored with every policy. 2 added what is left of the budget, 3
+shows up to 30 nats of it, not 10."""
 UNITS_PER_NAT = 1_000_000
 """A likelihood budget is counted in whole units, so that sums are exact and do not depend on their order."""
 _NATS_SHOWN = 10.0
