@@ -159,20 +159,12 @@ class _Budget(_Mask):
         ),
     ] = None
     budget_of: Annotated[
-        str,
-        meant(
-            "What --budget limits: shortfall, behind the likeliest action of each second, or excess, over what natural "
-            "drivers run up on the way.",
-            choices=BUDGETS,
-        ),
+        str, meant("What --budget limits: shortfall behind the likeliest, or excess over natural.", choices=BUDGETS)
     ] = BUDGETS[0]
     steer_from: Annotated[
         int | None,
-        meant(
-            "Seconds of a test after which the adversary begins to steer; 5 if bounded, else 0, or the policy's own.",
-            low=0, high=60, unit="s",
-        ),
-    ] = None  # fmt: skip
+        meant("Second from which it steers; 5 if bounded, else 0, or the policy's own.", low=0, high=60, unit="s"),
+    ] = None
 
 
 class DrivingEnvOptions(_Mask, RoadOptions):

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
 
 from cornerforge._checks import check_integer
 from cornerforge._words import spoken as spoken_time
@@ -22,7 +21,6 @@ from cornerforge.ndd.model import NddModel, model_hash
 from cornerforge.sim import Recorder, ScriptDriver, Setting, controllers, runner
 from cornerforge.types import Odd
 from cornerforge.work import default_threads
-from cornerforge.world_options import BUDGETS
 
 __all__ = ["Experiment", "check_threads", "with_outside_av"]
 
@@ -41,8 +39,6 @@ class Experiment:
         bounded: The NDD-bounded mask is on (in a mixture: for every policy).
         policies: The adversary's policies when `bv` is "policy"; each test is driven by one of them.
         budget: Likelihood budget of a test [nats]; None: no limit, or not the same for all policies.
-        budget_of: What it limits, a name of `world_options.BUDGETS`.
-        steers_from: Second from which the adversary steers; None: not the same for all policies.
         acting: How policies act: "greedy", "softmax:T", or "learned", where one of them learnt to draw its actions.
         setting: The kernels' form of all this. A foreign AV is OUTSIDE in it also if it steers: only the AV itself
             says so, when it is opened (`opened_setting`).
@@ -56,8 +52,6 @@ class Experiment:
     bounded: bool
     policies: tuple[Policy, ...]
     budget: float | None
-    budget_of: str
-    steers_from: int | None
     acting: str
     setting: Setting
     slots: int
@@ -160,13 +154,6 @@ class Experiment:
         """Return what drives a test of a foreign AV second by second, for `rates.attention`; None for all others."""
         return None
 
-    def as_natural(self, **changed: Any) -> Self:
-        """Copy the experiment without an adversary; `changed` replaces further fields."""
-        return replace(
-            self, bv="nde", bounded=False, policies=(), budget=None, budget_of=BUDGETS[0], steers_from=0,
-            acting="greedy", **changed,
-        )  # fmt: skip
-
     @property
     def policy(self) -> Policy | None:
         """The first policy; None if no policy drives."""
@@ -174,11 +161,9 @@ class Experiment:
 
     def identity(self, seed: int) -> dict[str, str | int | float | bool | None]:
         """Return what names a test, with its number: seed, names, and hashes of settings, model, policy and AV."""
-        # What is as it always was is not named, so that older libraries go on.
-        mask = {
-            **({} if self.budget_of == BUDGETS[0] else {"budget_of": self.budget_of}),
-            **({} if self.steers_from == 0 else {"steers_from": self.steers_from}),
-        }
+        who = self.setting.who
+        mask = {"budget_of": "excess" if who.excess else None, "steers_from": who.steers_from}
+        mask = {key: value for key, value in mask.items() if value and self.bv != "nde"}  # as it always was: not named
         return {
             "seed": seed,
             "odd": self.odd.name,

@@ -36,10 +36,6 @@ POLICY_SCHEMA = 3
 MAX_BUDGET = 1e6
 """Largest likelihood budget [nats], far above any shortfall of a test; a larger one is a mistake for "no limit"."""
 _KEY = "cornerforge"
-_HASHED_VERSION = 2
-"""Version of the observation that hashes name, so that those of older policies stay as they are."""
-_SHOWN_THEN = 10.0
-"""Nats of what is left of a budget that version 2 of the observation showed; up to there it is as version 3."""
 
 
 class PolicyHeader(Closed, frozen=True):
@@ -98,8 +94,8 @@ class Policy:
     @property
     def mask(self) -> controllers.Mask:
         """Mask, as kernels take it."""
-        excess = self.budget_of == "excess"
-        return controllers.Mask(int(self.bounded), observe.budget_units(self.budget), int(excess), self.steers_from)
+        excess = int(self.budget_of == "excess")
+        return controllers.Mask(int(self.bounded), observe.budget_units(self.budget), excess, self.steers_from)
 
 
 def check_budget(budget: float | None, *, bounded: bool) -> float | None:
@@ -124,13 +120,10 @@ def policy_hash(policy: Policy) -> str:
     """Compute SHA-256 (first 16 hex digits) over what decides how it acts: shape, mask, head and weights."""
     s = policy.shape
     mask = f"{policy.bounded} {policy.budget}"
-    # A hash stays what it was when there were no other heads, budgets and starts.
-    head = "" if policy.head == "greedy" else f" {policy.head}"
-    if policy.budget_of != BUDGETS[0]:
-        head += f" {policy.budget_of}"
-    if policy.steers_from:
-        head += f" {policy.steers_from}"
-    facts = f"{_HASHED_VERSION} {s.n_inputs} {s.n_shared} {s.n_stream} {s.width} {mask}{head}"
+    # A hash stays what it was when there were no other observations, heads, budgets and starts.
+    more = ((policy.head, "greedy"), (policy.budget_of, BUDGETS[0]), (policy.steers_from, 0))
+    mask += "".join(f" {value}" for value, usual in more if value != usual)
+    facts = f"2 {s.n_inputs} {s.n_shared} {s.n_stream} {s.width} {mask}"
     return hashlib.sha256(facts.encode() + policy.weights.astype("<f4").tobytes()).hexdigest()[:16]
 
 
@@ -182,7 +175,8 @@ def _check_versions(header: Mapping[str, object], path: Path) -> None:
     network = header.get("network")
     inputs = network.get("n_inputs") if isinstance(network, dict) else None
     budget = header.get("budget")
-    is_alike = version == _HASHED_VERSION and (not isinstance(budget, (int, float)) or budget <= _SHOWN_THEN)
+    # Version 2 showed 10 nats of what is left; up to there it is as version 3.
+    is_alike = version == 2 and (not isinstance(budget, (int, float)) or budget <= 10.0)
     if not (version == observe.OBSERVATION_VERSION or is_alike) or inputs != observe.N_OBSERVATION:
         raise FileFormatError(
             f"Policy file {path} was trained for observation version {version} with {inputs} entries; "

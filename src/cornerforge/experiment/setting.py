@@ -142,14 +142,6 @@ def _check_av(spec: AvSpec, *, takes_foreign: bool, takes_recorded: bool) -> Non
         )
 
 
-def _common(policies: Sequence[Policy]) -> tuple[float | None, str, int | None]:
-    """Say what budget the policies have, what it limits and when they begin to steer; None where they differ."""
-    first = policies[0]
-    budgets = {(p.budget, p.budget_of) for p in policies}
-    budget, budget_of = budgets.pop() if len(budgets) == 1 else (None, BUDGETS[0])
-    return budget, budget_of, first.steers_from if len({p.steers_from for p in policies}) == 1 else None
-
-
 def experiment(
     world: WorldOptions | None = None,
     *,
@@ -204,22 +196,15 @@ def experiment(
         for file, loaded in zip(names, policies, strict=True):
             _warn_of_another_world(loaded, file, road, ndd)
     driver = "policy" if policies else names[0]
-    budget_of, steers_from = world.budget_of, world.steer_from
     if policies:
-        if budget is not None:
-            policies = tuple(replace(p, bounded=True, budget=budget, budget_of=budget_of) for p in policies)
-        if steers_from is not None:
-            policies = tuple(replace(p, steers_from=steers_from) for p in policies)
+        told = {} if budget is None else {"bounded": True, "budget": budget, "budget_of": world.budget_of}
+        told |= {} if world.steer_from is None else {"steers_from": world.steer_from}
+        policies = tuple(replace(p, **told) for p in policies)  # type: ignore[arg-type]
         bounded = all(p.bounded for p in policies)
-        budget, budget_of, steers_from = _common(policies)
-    elif driver in ("nde", "idm"):
-        if steers_from:
-            raise InputError(f"steer_from = {steers_from} needs an adversary; {driver} has none. Leave it out.")
-        steers_from = 0
-    elif steers_from is None:
-        steers_from = STEER_FROM if bounded else 0
-    if bounded and driver in ("nde", "idm"):
-        raise InputError(f"bounded needs an adversary; {driver} has none. Train one with: cornerforge train --bounded")
+        budget = policies[0].budget if len({p.budget for p in policies}) == 1 else None
+    elif driver in ("nde", "idm") and (bounded or world.steer_from):
+        what = "bounded" if bounded else "steer_from"
+        raise InputError(f"{what} needs an adversary; {driver} has none. Train one with: cornerforge train --bounded")
     if bounded and (ndd.following > 0.0).all() and (ndd.free > 0.0).all():
         named = model_hash(ndd) if model is ndd else model
         raise InputError(
@@ -230,6 +215,10 @@ def experiment(
     if temperature > 0.0 and not policies:
         raise InputError(f"acting = {acting!r} needs a policy; {driver} has its own way. Give a policy file.")
     numbers = [policy_numbers(p) for p in policies]
+    steers_from = (STEER_FROM if bounded else 0) if world.steer_from is None else world.steer_from
+    excess = int(world.budget_of == "excess")
+    own = controllers.Mask(0, 0, excess, 0 if driver in ("nde", "idm") else steers_from)
+    mask = (policies[0].mask if policies else own)._replace(bounded=int(bounded), budget=observe.budget_units(budget))
     setting = Setting(
         road=road_numbers(road),
         av=numbers_of_av(av_model),
@@ -242,17 +231,12 @@ def experiment(
             else controllers.BUILT_IN,
             critical=controllers.ADVERSARIES["nobody" if driver in ("nde", "idm") else driver],
             others=controllers.IDM_BVS if driver == "idm" else controllers.NATURALISTIC,
-            bounded=int(bounded),
+            **mask._asdict(),
             policy=max(numbers, key=lambda p: p.width) if numbers else NO_POLICY,
-            budget=observe.budget_units(budget),
             temperature=temperature,
-            excess=int(budget_of == "excess"),
-            steers_from=steers_from or 0,
             cast=controllers.NO_CAST if len(policies) < 2 else controllers.cast_of(numbers, [p.mask for p in policies]),
         ),
     )
     spoken = {0.0: "greedy", controllers.AS_LEARNED: "learned"}.get(temperature, f"softmax:{temperature:g}")
-    run = Experiment(
-        road, av_model, ndd, driver, bounded, policies, budget, budget_of, steers_from, spoken, setting, n_slots(road)
-    )
+    run = Experiment(road, av_model, ndd, driver, bounded, policies, budget, spoken, setting, n_slots(road))
     return with_outside_av(run, ForeignAv(spec, road, seed=seed)) if spec.is_outside else run

@@ -418,11 +418,8 @@ def _keep_decisions(
         if decisions.log_prob[k] == -math.inf:
             row.n_impossible += 1
         row.log_prob_nde += decisions.log_prob[k]
-        stretch += decisions.excess[k]
-        if stretch < 0.0:
-            stretch = 0.0
-        if not stretch <= row.excess_nats:  # NaN too
-            row.excess_nats = stretch
+        stretch = 0.0 if stretch + decisions.excess[k] < 0.0 else stretch + decisions.excess[k]
+        row.excess_nats = row.excess_nats if stretch <= row.excess_nats else stretch  # NaN stays
         if decisions.shortfall[k] == math.inf:
             row.n_implausible += 1
         else:

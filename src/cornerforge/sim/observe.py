@@ -185,15 +185,10 @@ def allowed_actions(
 
 @kernel
 def price_from(p: NDArray[np.float64], excess: bool) -> float:
-    """Compute the log-probability of an action that costs nothing.
+    """Compute the log-probability of an action that costs nothing [nats], from the probabilities of all, (33,).
 
-    Args:
-        p: Probabilities of all actions of the natural driver, (33,).
-        excess: False for the shortfall: the log-probability of the likeliest action. True for the excess: the mean
-            log-probability of what the natural driver does, minus the entropy of `p`; never more than the former.
-
-    Returns:
-        Nats, at most 0.
+    Of a shortfall that of the likeliest action. Of an excess the mean log-probability of what natural drivers do, minus
+    the entropy; never more than the former.
     """
     most = 0.0
     mean = 0.0
@@ -206,14 +201,9 @@ def price_from(p: NDArray[np.float64], excess: bool) -> float:
 
 @inlined_kernel
 def price(p: float, free: float) -> int:
-    """Compute an action's cost to a likelihood budget, free - ln p, in units of the budget, rounded up.
+    """Compute the cost of an action of probability p > 0, in units of a budget, rounded up; see `price_from`.
 
-    Args:
-        p: Probability of the action, above 0.
-        free: What `price_from` says.
-
-    Returns:
-        For the likeliest action 0 of a shortfall, at most 0 of an excess.
+    For the likeliest action it is 0 of a shortfall, and at most 0 of an excess.
     """
     return math.ceil((free - log(p)) * UNITS_PER_NAT)
 

@@ -89,7 +89,9 @@ def experiment_with(
         policy=policies or None,
         bounded=told.bounded,
         # Policies bring their budgets, which need not be the same.
-        **({} if policies else _mask(told)),
+        budget=None if policies else told.budget,
+        budget_of="shortfall" if policies else told.budget_of,
+        steer_from=None if policies else told.steers_from,
         acting=told.acting,
         takes_foreign=takes_foreign,
         takes_recorded=cases.on_rails,
@@ -103,12 +105,6 @@ def experiment_with(
                 "put the original file back, or install the version that made it."
             )
     return run
-
-
-def _mask(told: RunIdentity) -> dict[str, Any]:
-    """Give what a library without policies says of its adversary."""
-    limits = {} if told.budget is None else {"budget": told.budget, "budget_of": told.budget_of}
-    return limits if told.bv in ("nde", "idm") else {**limits, "steer_from": told.steers_from}
 
 
 def _check_told(cases: CaseLibrary, names: Sequence[str]) -> None:

@@ -421,7 +421,7 @@ def _natural(new: Experiment, old: Experiment, seed: int, most: int, threads: in
 def _naturally(run: Experiment) -> Experiment:
     """The same AV and road, with natural drivers only."""
     setting = run.setting.with_drivers(critical=controllers.NOBODY, others=controllers.NATURALISTIC, bounded=0)
-    return run.as_natural(setting=setting)
+    return replace(run, bv="nde", policies=(), bounded=False, budget=None, acting="greedy", setting=setting)
 
 
 def _crashes(

@@ -7,7 +7,7 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -107,7 +107,7 @@ def _open(source: CaseLibrary, run: Experiment, place: Path, *, resume: bool) ->
     Its identity is that of natural traffic: the scripts hold the actions, so the adversary does not matter any more.
     """
     seed = int(str(source.identity["seed"]))
-    natural = run.as_natural()
+    natural = replace(run, bv="nde", bounded=False, policies=(), budget=None, acting="greedy")
     origin = {key: value for key, value in source.identity.items() if key not in ("cornerforge", "code")}
     identity = {
         **natural.identity(seed),

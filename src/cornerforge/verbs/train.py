@@ -30,6 +30,7 @@ from cornerforge.results.rates import Yield
 from cornerforge.sim import Tally, controllers, runner
 from cornerforge.verbs.options.learning import Train
 from cornerforge.work.progress import NO_PROGRESS, Progress, moving
+from cornerforge.world_options import BUDGETS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -132,8 +133,7 @@ def checkpoint_beside(policy: Path, run: Experiment, config: TrainConfig, seed: 
         "seed": seed,
         "bounded": run.bounded,
         "budget": run.budget,
-        "budget_of": run.budget_of,
-        "steers_from": run.steers_from,
+        **_mask(run),
         "av_hash": run.av_hash,
         "model_hash": model_hash(run.model),
         **{f"train.{name}": value for name, value in asdict(config).items()},
@@ -186,8 +186,12 @@ def learn(
             checkpoint=checkpoint,
         )
     about = about_training(run, config, result, seed)
-    mask = run.bounded, about, run.budget, config.head, run.budget_of, run.setting.who.steers_from
-    return Policy(result.weights, config.network, *mask), result
+    return Policy(result.weights, config.network, run.bounded, about, run.budget, config.head, **_mask(run)), result
+
+
+def _mask(run: Experiment) -> dict[str, Any]:
+    """Say what the budget limits, and when the adversary begins to steer, as a policy names them."""
+    return {"budget_of": BUDGETS[run.setting.who.excess], "steers_from": run.setting.who.steers_from}
 
 
 def training_faults(run: Experiment) -> int:
@@ -386,8 +390,7 @@ def _check_same(policy: Policy, run: Experiment, config: TrainConfig, seed: int,
         "seed": seed,
         "bounded": run.bounded,
         "budget": run.budget,
-        "budget_of": run.budget_of,
-        "steers_from": run.steers_from,
+        **_mask(run),
         "av_hash": run.av_hash,
         "model_hash": model_hash(run.model),
         "train": asdict(config),

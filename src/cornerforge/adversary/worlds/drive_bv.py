@@ -226,21 +226,12 @@ def start_with_bv(
 
 
 @kernel
-def start_world(
-    seed: int, test: int, b: int, richer: int, setting: Setting, s: Scratch, keep: Keep, actors: Actors
-) -> None:
-    """Begin a test in world b, or the next of its series that has a BV (`start_with_bv`); fill observation and mask."""
-    actors.history.answered[b] = 0
-    w, n = world_row(actors.worlds, b), actors.allowed.shape[0]
-    start_with_bv(w, seed, test, n, setting, s, keep, actors.observation[b], actors.allowed[b], richer)
-
-
-@kernel
 def start_next(b: int, exploring: Exploring, setting: Setting, s: Scratch, keep: Keep, actors: Actors) -> None:
-    """Begin the next test of world b's series, with a richer budget in a guided world."""
-    state = world_row(actors.worlds, b).state[0]
+    """Begin the next test of world b's series (`start_with_bv`), with a richer budget in a guided world."""
+    w, n, seen, allowed = world_row(actors.worlds, b), actors.allowed.shape[0], actors.observation[b], actors.allowed[b]
     richer = exploring.richer if b < exploring.guided else 0
-    start_world(state.seed, state.test + actors.allowed.shape[0], b, richer, setting, s, keep, actors)
+    actors.history.answered[b] = 0
+    start_with_bv(w, w.state[0].seed, w.state[0].test + n, n, setting, s, keep, seen, allowed, richer)
 
 
 @kernel
@@ -249,8 +240,11 @@ def start_worlds(seed: int, first: int, setting: Setting, s: Scratch, keep: Keep
 
     The series of world b is every B-th test.
     """
-    for b in range(actors.allowed.shape[0]):
-        start_world(seed, first + b, b, 0, setting, s, keep, actors)
+    actors.history.answered[:] = 0
+    n = actors.allowed.shape[0]
+    for b in range(n):
+        w, seen, allowed = world_row(actors.worlds, b), actors.observation[b], actors.allowed[b]
+        start_with_bv(w, seed, first + b, n, setting, s, keep, seen, allowed, 0)
 
 
 @kernel

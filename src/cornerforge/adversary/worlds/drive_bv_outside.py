@@ -26,7 +26,7 @@ from cornerforge.sim import (
     outcome,
     reset_world,
     world_row,
-)
+)  # fmt: skip
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -115,14 +115,12 @@ def begin_to_steer(
     rows: NDArray[np.int64], exploring: Exploring, setting: Setting, s: Scratch, keep: Keep, actors: Actors
 ) -> None:
     """Let the adversary look where it begins to steer now; where a test ended before, or has no BV, begin the next."""
-    for k in range(rows.size):
-        b = rows[k]
-        w = world_row(actors.worlds, b)
-        state = w.state[0]
-        runs = state.outcome == outcome.RUNNING
-        if runs and state.decisions != state.steers_from:
+    for b in rows:
+        w, seen, allowed = world_row(actors.worlds, b), actors.observation[b], actors.allowed[b]
+        runs = w.state[0].outcome == outcome.RUNNING
+        if runs and w.state[0].decisions != w.state[0].steers_from:
             continue
-        if not runs or look_as_bv(w, setting, s, actors.observation[b], actors.allowed[b]) < 0:
+        if not runs or look_as_bv(w, setting, s, seen, allowed) < 0:
             start_next(b, exploring, setting, s, keep, actors)
 
 

@@ -254,12 +254,8 @@ def _driven(
 
 def _identity(sources: Sequence[_Source]) -> dict[str, Any]:
     """Say what names the suite: natural traffic, since its scripts hold the actions, and the AV that made its cases."""
-    identity = {
-        **sources[0].maker.as_natural().identity(0),
-        SCRIPTED: True,
-        "cornerforge": version(),
-        "code": code_hash(),
-    }
+    natural = replace(sources[0].maker, bv="nde", bounded=False, policies=(), budget=None, acting="greedy")
+    identity = {**natural.identity(0), SCRIPTED: True, "cornerforge": version(), "code": code_hash()}
     if sources[0].cases.on_rails:
         identity |= {ON_RAILS: True}
     if len({one.maker.av_hash for one in sources}) > 1:
