@@ -417,7 +417,7 @@ class _Test:
                 chances = simulator.probabilities(world, bv, world.av.target_lane, attentive=False)
                 self.budget_left -= simulator.price(chances, action)
                 if simulator.excess:
-                    self.budget_left = min(self.budget_left, round(simulator.budget * 1e6))
+                    self.budget_left = min(self.budget_left, round((simulator.budget or 0.0) * 1e6))
             return action
         if simulator.idm_bvs:
             command = simulator.idm_behind_all(world, bv, bv.lanes, HUMAN)

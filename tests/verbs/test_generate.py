@@ -364,9 +364,9 @@ def test_when_an_adversary_steers() -> None:
         ({"bv": "nde"}, 0), ({"bv": "swerve"}, 0), ({"bv": "swerve", "bounded": True}, STEER_FROM),
         ({"bv": "swerve", "budget": 5.0, "steer_from": 2}, 2), ({"bv": "swerve", "steer_from": 2}, 2),
     ):  # fmt: skip
-        run = experiment(**keywords)  # type: ignore[arg-type]
+        run = experiment(**keywords)
         assert run.setting.who.steers_from == run.identity(0).get("steers_from", 0) == first
-    with pytest.raises(InputError, match="steer_from = 3 needs an adversary"):
+    with pytest.raises(InputError, match="steer_from needs an adversary; nde has none"):
         experiment(steer_from=3)
     with pytest.raises(InputError, match="give the budget too"):
         experiment(bv="swerve", bounded=True, budget_of="excess")

@@ -75,7 +75,7 @@ MEMBER = np.dtype(
 
 
 class Mask(NamedTuple):
-    """What an adversary may do.
+    """Limits of an adversary.
 
     Attributes:
         bounded: 1 for the NDD-bounded mask.
