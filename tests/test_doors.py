@@ -238,7 +238,7 @@ def test_the_collector_of_training(bounded: bool, head: str) -> None:
     setting, numbers = run.setting.with_drivers(critical=TOLD), run.setting.who.policy
     actors = allocate_actors(TESTS, setting, run.slots, N_OBSERVATION)
     scratch, out = allocate_scratch(run.slots, numbers), allocate_transitions(TESTS)
-    start_worlds(SEED, 0, setting, scratch, actors)
+    start_worlds(SEED, 0, setting, scratch, keep_nothing(run.slots), actors)
     exploring = Exploring(POLICY, numbers, 0.0, 0, 0.0)
     rewards, decisions = np.zeros(TESTS), np.zeros(TESTS, dtype=np.int64)
     running = np.ones(TESTS, dtype=np.bool_)

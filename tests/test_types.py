@@ -111,6 +111,7 @@ def test_all_fields_with_a_dimension_state_their_unit() -> None:
         "width",
         "change_time",
         "shortfall",
+        "excess",
     }
 
 

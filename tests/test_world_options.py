@@ -42,7 +42,7 @@ def test_parts_of_a_world_are_options_of_the_world() -> None:
     assert names(AvProcessOptions) == asked
     assert names(AvAskedOptions) == asked | {"av_batch", "av_processes"}
     assert names(AvAloneOptions) == names(AvAskedOptions) | {"av"}
-    assert names(AvOptions) == names(AvAloneOptions) | road == NAMES - {"bounded", "budget"}
+    assert names(AvOptions) == names(AvAloneOptions) | road == NAMES - {"bounded", "budget", "budget_of", "steer_from"}
     assert names(DrivingEnvOptions) == road | {"bounded"}
     assert names(AdversaryEnvOptions) == names(DrivingEnvOptions) | asked | {"av"}
     assert WorldOptions().av_timeout == DEFAULT_TIMEOUT

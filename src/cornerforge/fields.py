@@ -180,8 +180,14 @@ SHORTFALL: tuple[Field, ...] = (
         "Critical BV's decisions that no natural driver makes, not even in error; null: not recorded.", (0, _INT16),
         nullable=True,
     ),
+    Field(
+        "excess_nats", "float64", "nats",
+        "How far -ln P(critical BV's actions), human errors included, exceeds its expected value, the entropy, in the "
+        "worst run of decisions; inf: one was impossible; null: not recorded.", _POSITIVE, nullable=True,
+    ),
 )  # fmt: skip
-"""Log-probability of the critical BV's actions against the likeliest ones (ADR 12)."""
+"""Log-probability of the critical BV's actions against the likeliest ones (ADR 12), and against its expected value
+(ADR 71)."""
 
 PARTNER: tuple[Field, ...] = (
     Field("bv_kind", "int8", "", "Class of the crash partner: 0 car, 1 truck, 2 motorcycle.", (0, 2)),

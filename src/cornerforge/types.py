@@ -306,6 +306,8 @@ class Scenario:
         shortfall: ln P of the likeliest action minus ln P of the critical BV's action, human errors included
             [nats], shape (K,), at least 0; +inf where the action is impossible, 0 where there is no critical BV; None:
             not recorded, as in scenarios read from a library.
+        excess: -ln P of the critical BV's action minus its expected value, the entropy of what a natural driver does
+            [nats], shape (K,); +inf, 0 and None as of `shortfall`.
     """
 
     seed: int
@@ -324,6 +326,7 @@ class Scenario:
     log_prob_nde: NDArray[np.float64]
     crash: Crash | None
     shortfall: NDArray[np.float64] | None = field(default=None, metadata={"unit": "nats"})
+    excess: NDArray[np.float64] | None = field(default=None, metadata={"unit": "nats"})
     kind: NDArray[np.int8] = field(default_factory=lambda: np.empty(0, dtype=np.int8))
     length: NDArray[np.float64] = field(default_factory=lambda: np.empty(0), metadata={"unit": "m"})
     width: NDArray[np.float64] = field(default_factory=lambda: np.empty(0), metadata={"unit": "m"})

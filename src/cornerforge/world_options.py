@@ -19,9 +19,11 @@ else:  # classes are told by their names, so that the module need not be importe
     NddModel = type("NddModel", (), {})
 
 __all__ = [
+    "BUDGETS",
     "LEARNERS",
     "PLAIN_ADVERSARIES",
     "REWARD_NAMES",
+    "STEER_FROM",
     "AdversaryEnvOptions",
     "AvAloneOptions",
     "AvAskedOptions",
@@ -39,6 +41,12 @@ REWARD_NAMES = ("crash", "striking", "avoidable", "preventable", "preventable-by
 
 LEARNERS = ("dqn", "ppo")
 """Names of learners, as help names them; each is the file of that name in `adversary/`."""
+
+
+BUDGETS = ("shortfall", "excess")
+"""What a likelihood budget limits (`sim.observe.price_from`)."""
+STEER_FROM = 5
+"""Second from which a bounded adversary steers unless told otherwise; the start of a test tells until then (ADR 71)."""
 
 
 class _World(Options):
@@ -150,6 +158,13 @@ class _Budget(_Mask):
             more="0 or more; it overrides a policy's own. None: no limit, or the policy's own.",
         ),
     ] = None
+    budget_of: Annotated[
+        str, meant("What --budget limits: shortfall behind the likeliest, or excess over natural.", choices=BUDGETS)
+    ] = BUDGETS[0]
+    steer_from: Annotated[
+        int | None,
+        meant("Second from which it steers; 5 if bounded, else 0, or the policy's own.", low=0, high=60, unit="s"),
+    ] = None
 
 
 class DrivingEnvOptions(_Mask, RoadOptions):
@@ -164,9 +179,9 @@ class WorldOptions(_Av, RoadOptions, _Budget, AvAskedOptions):
     """The world of a test, with an adversary; `experiment.setting.experiment` checks names and files."""
 
     def without_mask(self) -> WorldOptions:
-        """Copy the world without `bounded` and `budget`: for a policy, which brings its own."""
-        return replace(self.world(), bounded=False, budget=None)
+        """Copy the world without what `bounded` and its kin say: for a policy, which brings its own."""
+        return replace(self.world(), bounded=False, budget=None, budget_of=BUDGETS[0], steer_from=None)
 
     def av_keywords(self) -> dict[str, Any]:
-        """Give the options as keywords of verbs without an adversary: all but `bounded` and `budget`."""
+        """Give the options as keywords of verbs without an adversary: all but its own."""
         return {one.name: getattr(self, one.name) for one in fields(AvOptions)}

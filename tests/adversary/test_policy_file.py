@@ -17,7 +17,8 @@ from cornerforge._checksums import NoChecksumError, write_tensors
 from cornerforge.drivers.policy import HEADS, NetworkShape, n_weights
 from cornerforge.errors import FileFormatError, OutputError
 from cornerforge.experiment.policy_file import Policy, load_policy, policy_hash, policy_numbers, save_policy
-from cornerforge.sim.observe import N_OBSERVATION, OBSERVATION_VERSION
+from cornerforge.sim.controllers import Mask
+from cornerforge.sim.observe import N_OBSERVATION
 
 SHAPE = NetworkShape(N_OBSERVATION, 2, 1, 8)
 
@@ -47,6 +48,9 @@ def test_round_trip(policy: Policy, tmp_path: Path) -> None:
     assert (loaded.budget, loaded.head) == (None, "greedy")
     save_policy(replace(policy, budget=4.5), path)
     assert load_policy(path).budget == 4.5
+    save_policy(replace(policy, budget=4.5, budget_of="excess", steers_from=5), path)
+    assert (load_policy(path).budget_of, load_policy(path).steers_from) == ("excess", 5)
+    assert load_policy(path).mask == Mask(1, 4_500_001, 1, 5)
     save_policy(replace(policy, head="softmax"), path)
     assert parts(path)[1]["head"] == load_policy(path).head == "softmax"
     assert policy_numbers(load_policy(path)).head == HEADS["softmax"]
@@ -66,8 +70,24 @@ def test_the_hash_is_of_what_decides_how_it_acts(policy: Policy) -> None:
     }
     hashes |= {policy_hash(replace(policy, budget=budget)) for budget in (0.0, 5.0, 6.0)}
     hashes.add(policy_hash(replace(policy, head="softmax")))
-    assert len(hashes) == 7
+    hashes |= {
+        policy_hash(replace(policy, budget=5.0, budget_of="excess")),
+        policy_hash(replace(policy, steers_from=5)),
+    }
+    assert len(hashes) == 9
     assert policy_hash(Policy(policy.weights, SHAPE, True, {})) == policy_hash(policy)
+
+
+def test_a_policy_of_the_observation_before_is_read_where_it_meant_the_same(policy: Policy, tmp_path: Path) -> None:
+    path = tmp_path / "p.safetensors"
+    for budget in (None, 10.0, 10.5):
+        save_policy(replace(policy, budget=budget), path)
+        path.write_bytes(changed_header(path, observation_version=2))
+        if budget == 10.5:
+            with pytest.raises(FileFormatError, match="observation version 2"):
+                load_policy(path)
+        else:
+            assert policy_hash(load_policy(path)) == policy_hash(replace(policy, budget=budget))
 
 
 def changed_header(path: Path, **changes: object) -> bytes:
@@ -89,7 +109,7 @@ def test_a_file_of_version_1_is_greedy_and_has_the_hash_that_it_had(policy: Poli
     write_tensors(path, "cornerforge", header | {"schema_version": 1}, {"weights": weights}, "it")
     old = load_policy(path)
     assert old.head == "greedy"
-    shape = " ".join(str(number) for number in (OBSERVATION_VERSION, N_OBSERVATION, 2, 1, 8))
+    shape = " ".join(str(number) for number in (2, N_OBSERVATION, 2, 1, 8))
     told = f"{shape} True None".encode() + policy.weights.astype("<f4").tobytes()
     assert policy_hash(old) == hashlib.sha256(told).hexdigest()[:16]
 
@@ -135,7 +155,7 @@ DAMAGES = {
     ),
     "header no JSON": (lambda p: save({"weights": parts(p)[0]}, metadata={"cornerforge": "{"}), "damaged"),
     "header a list": (lambda p: save({"weights": parts(p)[0]}, metadata={"cornerforge": "[]"}), "no JSON object"),
-    "newer schema": (lambda p: changed_header(p, schema_version=3), "schema version 3"),
+    "newer schema": (lambda p: changed_header(p, schema_version=4), "schema version 4"),
     "unknown head": (lambda p: changed_header(p, head="softmacks"), 'Did you mean "softmax"'),
     "head a number": (lambda p: changed_header(p, head=1), "head"),
     "other observation": (lambda p: changed_header(p, observation_version=99), "observation version 99"),

@@ -106,7 +106,7 @@ def test_worlds_draw_by_the_probabilities_that_it_learns_from(bounded: bool) -> 
     setting = run.setting.with_drivers(critical=TOLD, policy=exploring.policy)
     actors = allocate_actors(config.worlds, setting, run.slots, N_OBSERVATION)
     scratch, out = allocate_scratch(run.slots, exploring.policy), allocate_transitions(config.worlds)
-    start_worlds(4, 0, setting, scratch, actors)
+    start_worlds(4, 0, setting, scratch, keep_nothing(run.slots), actors)
     network = PpoLearner(config, seed=2).network
     drawn = set()
     for _ in range(10):

@@ -91,7 +91,7 @@ def test_a_learners_crashes_are_the_cases_of_the_library(library: tuple[dict[str
     actors, out = allocate_actors(n, setting, run.slots, observe.N_OBSERVATION), allocate_transitions(n)
     scratch, nothing = allocate_scratch(run.slots, NO_POLICY), keep_nothing(run.slots)
     cases = CrashCases(setting, run.slots, verdict)
-    start_worlds(SEED, 0, setting, scratch, actors)
+    start_worlds(SEED, 0, setting, scratch, nothing, actors)
     paid: set[int] = set()
     for _ in range(80):
         before = actors.worlds.state["test"][:, 0].copy()

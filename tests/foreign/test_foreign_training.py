@@ -36,6 +36,7 @@ from cornerforge.foreign.session import seeds_of
 from cornerforge.results.rates import Yield
 from cornerforge.sim import controllers, observe
 from cornerforge.sim.controllers import UNIFORM
+from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.world import VEHICLE
 from cornerforge.types import Odd
@@ -67,9 +68,10 @@ def inside(reward: str) -> TrainResult:
 def outside(
     av: ForeignAv, like: str, config: TrainConfig = TINY, *, seed: int = 0, threads: int = 2,
     checkpoint: CheckpointFile | None = None, progress: Callable[[CurvePoint], None] | None = None,
+    run: Experiment | None = None,
 ) -> TrainResult:  # fmt: skip
     """Train against an AV from outside whose tests start as those of the built-in AV `like`."""
-    run = world(like)
+    run = run or world(like)
     setting = run.setting.with_drivers(av=controllers.OUTSIDE)
     try:
         return train_adversary(
@@ -109,6 +111,17 @@ def test_the_weights_are_those_of_the_same_av_inside_where_actions_are_drawn() -
     found = outside(opened("twins:Twin", ODD, batch=24), "rl", config)
     assert_same(found, train_adversary(run.setting, run.slots, config))
     assert found.updates > 0
+
+
+@pytest.mark.usefixtures("twins")
+def test_the_weights_are_those_of_the_same_av_inside_where_the_adversary_steers_later() -> None:
+    """In the first seconds the AV is asked in worlds that no transition is made of."""
+    run = world("rl")
+    later = replace(run, setting=run.setting.with_drivers(steers_from=3, bounded=1, budget=9_000_001))
+    av = opened("twins:Twin", ODD, batch=24)
+    found = outside(av, "rl", FEW, run=later)
+    assert_same(found, train_adversary(later.setting, later.slots, FEW))
+    assert av.faults == {}
 
 
 @pytest.mark.usefixtures("twins")
@@ -197,7 +210,7 @@ def test_what_is_shown_again_ends_where_the_worlds_are(avs: Path) -> None:  # no
     av = opened("avs:Counts", ODD, batch=16)
     setting = run.setting.with_drivers(av=controllers.OUTSIDE, critical=controllers.TOLD)
     actors = allocate_actors(16, setting, run.slots, observe.N_OBSERVATION)
-    start_worlds(3, 0, setting, allocate_scratch(run.slots, setting.who.policy), actors)
+    start_worlds(3, 0, setting, allocate_scratch(run.slots, setting.who.policy), keep_nothing(run.slots), actors)
     collector = ForeignCollector(av, setting, run.slots, actors, 1)
     exploring = Exploring(UNIFORM, setting.who.policy, 0.0, 0, 0.0)
     for _ in range(20):

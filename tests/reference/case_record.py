@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import InputError
-from cornerforge.fields import HISTORY_SHAPE
+from cornerforge.fields import HISTORY_SHAPE, SHORTFALL
 from cornerforge.metrics.ttc import ttc
 from cornerforge.sim.harvest import MAX_ACCELERATION, MAX_BRAKING, MAX_LATERAL_ACCELERATION, NEAR_M, TOLERANCE
 from cornerforge.sim.recorder import scenario_digest
@@ -125,12 +125,16 @@ def _decisions(scenario: Scenario) -> dict[str, Scalar | NDArray[Any]]:
     rows = np.arange(len(scenario.critical_bv))
     chosen = scenario.action[rows, scenario.critical_bv]
     shortfall = scenario.shortfall
-    worth: dict[str, Scalar] = dict.fromkeys(("shortfall_nats", "possible_shortfall_nats", "n_implausible"))
+    worth: dict[str, Scalar] = dict.fromkeys(field.name for field in SHORTFALL)
     if shortfall is not None:
         possible = shortfall[np.isfinite(shortfall)]
         worth["possible_shortfall_nats"] = float(possible.sum())
         worth["n_implausible"] = len(shortfall) - len(possible)
         worth["shortfall_nats"] = float(shortfall.sum())
+    if scenario.excess is not None:
+        sums = np.concatenate([[0.0], np.cumsum(np.where(np.isinf(scenario.excess), 0.0, scenario.excess))])
+        worst = max(sums[end] - sums[begin] for end in range(len(sums)) for begin in range(end + 1))
+        worth["excess_nats"] = math.inf if np.isinf(scenario.excess).any() else float(worst)
     return {
         **worth,
         "n_decisions": len(log_prob),

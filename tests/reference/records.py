@@ -66,6 +66,7 @@ def case_record(
         np.ascontiguousarray(scenario.critical_bv, dtype=np.int16),
         np.ascontiguousarray(scenario.log_prob_nde, dtype=np.float64),
         np.full(decided, np.nan) if scenario.shortfall is None else np.array(scenario.shortfall, np.float64),
+        np.full(decided, np.nan) if scenario.excess is None else np.array(scenario.excess, np.float64),
         np.zeros(decided),
     )
     bodies = np.zeros(vehicles, dtype=VEHICLE)

@@ -53,6 +53,8 @@ class Simulator:
     bounded: bool = False
     idm_bvs: bool = False
     budget: float | None = None
+    excess: bool = False
+    steers_from: int = 0
     tables: Naturalistic = field(init=False)
 
     def __post_init__(self) -> None:
@@ -324,10 +326,12 @@ class Simulator:
                 allowed = {action for action in allowed if self.price(possible, action) <= left}
         return sorted(allowed)
 
-    @staticmethod
-    def price(chances: list[float], action: Action) -> int:
+    def price(self, chances: list[float], action: Action) -> int:
         """How much less likely an action is than the likeliest, in millionths of a nat, rounded up."""
-        return math.ceil((log(max(chances)) - log(chances[action])) * 1e6)
+        free = log(max(chances))
+        if self.excess:
+            free = min(free, sum(p * log(p) for p in chances if p > 0.0))
+        return math.ceil((free - log(chances[action])) * 1e6)
 
 
 def words_of(rows: list[Row], index: int, bv: Vehicle) -> tuple[int, int]:
@@ -379,7 +383,8 @@ class _Test:
     def decide(self) -> None:
         """Everybody decides on the same picture of the world; then all begin to act."""
         simulator, world, drive = self.simulator, self.world, self.drive
-        critical = world.nearest_bv()
+        steers = simulator.adversary is None or self.step >= simulator.steers_from
+        critical = world.nearest_bv() if steers else None
         self.controlled = critical if simulator.adversary else None
         av_wish = simulator.av_wish(world)
         possible = None if critical is None else simulator.probabilities(world, critical, av_wish[1], attentive=False)
@@ -411,6 +416,8 @@ class _Test:
             if self.budget_left is not None:
                 chances = simulator.probabilities(world, bv, world.av.target_lane, attentive=False)
                 self.budget_left -= simulator.price(chances, action)
+                if simulator.excess:
+                    self.budget_left = min(self.budget_left, round((simulator.budget or 0.0) * 1e6))
             return action
         if simulator.idm_bvs:
             command = simulator.idm_behind_all(world, bv, bv.lanes, HUMAN)

@@ -7,7 +7,16 @@ from statistical_bounds import l1_bound, l1_distance
 
 from cornerforge.drivers.policy import HEADS, NO_POLICY, NetworkShape, PolicyNumbers, n_weights
 from cornerforge.sim.adversaries import choose_action
-from cornerforge.sim.controllers import ADVERSARIES, AS_LEARNED, POLICY, Controllers, cast_index, cast_of, critical_of
+from cornerforge.sim.controllers import (
+    ADVERSARIES,
+    AS_LEARNED,
+    POLICY,
+    Controllers,
+    Mask,
+    cast_index,
+    cast_of,
+    critical_of,
+)
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.scratch import ChoiceScratch, allocate_scratch
 from cornerforge.sim.world import World
@@ -208,7 +217,8 @@ def test_each_test_of_a_mixture_draws_its_policy_alike() -> None:
 def test_a_mixture_holds_its_policies_whole() -> None:
     policies = [constant_policy(favourite) for favourite in (3, 12, 30)]
     policies[1] = policies[1]._replace(head=HEADS["softmax"])
-    cast = cast_of(policies, [False, True, True], [0, 0, 7])
+    masks = [Mask(0, 0), Mask(1, 0, 0, 3), Mask(1, 7, 1, 5)]
+    cast = cast_of(policies, masks)
     # As Python: a view that a kernel gives out would come back as the whole array.
     as_python = cast._replace(members=cast.members.view(np.recarray))
     test_of = {cast_index(SEED, test, 3): test for test in range(50)}
@@ -216,18 +226,18 @@ def test_a_mixture_holds_its_policies_whole() -> None:
     found = []
     for index, policy in enumerate(policies):
         who = Controllers(cast=as_python, policy=NO_POLICY, bounded=5, budget=5)  # these three are not looked at
-        member, bounded, budget = critical_of.py_func(SEED, test_of[index], who)  # type: ignore[attr-defined]
+        member, mask = critical_of.py_func(SEED, test_of[index], who)  # type: ignore[attr-defined]
         np.testing.assert_array_equal(member.weights, policy.weights)
         assert member[1:] == policy[1:]
         compiled = critical_of(SEED, test_of[index], who._replace(cast=cast))
-        assert (compiled[0][1:], *compiled[1:]) == (policy[1:], bounded, budget)
-        found.append((bounded, budget))
-    assert found == [(0, 0), (1, 0), (1, 7)]
+        assert (compiled[0][1:], compiled[1]) == (policy[1:], mask)
+        found.append(mask)
+    assert found == masks
 
 
 def test_a_single_policy_drives_every_test() -> None:
-    who = Controllers(policy=constant_policy(12), bounded=1, budget=7)
+    who = Controllers(policy=constant_policy(12), bounded=1, budget=7, excess=1, steers_from=4)
     for test in range(20):
-        policy, bounded, budget = critical_of(SEED, test, who)
-        assert (policy[1:], bounded, budget) == (who.policy[1:], 1, 7)
+        policy, mask = critical_of(SEED, test, who)
+        assert (policy[1:], mask) == (who.policy[1:], Mask(1, 7, 1, 4))
         np.testing.assert_array_equal(policy.weights, who.policy.weights)

@@ -18,7 +18,7 @@ from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
 from cornerforge.experiment.av_file import av_of
 from cornerforge.ndd.model import NddModel
-from cornerforge.sim.controllers import cast_of
+from cornerforge.sim.controllers import Mask, cast_of
 from cornerforge.sim.observe import N_OBSERVATION, budget_units
 from cornerforge.sim.runner import Tally, drive_chunk
 from cornerforge.sim.setting import Setting
@@ -56,9 +56,9 @@ class Bvs:
         )  # fmt: skip
         if self.mixture:
             members = [random_policy(k, width=8 * (k + 1)) for k in range(len(self.mixture))]
-            bounded = [k > 0 for k in range(len(self.mixture))]
+            masks = [Mask(int(k > 0), budget_units(budget)) for k, budget in enumerate(self.mixture)]
             widest = max(members, key=lambda member: member.width)
-            cast = cast_of(members, bounded, [budget_units(budget) for budget in self.mixture])
+            cast = cast_of(members, masks)
             setting = setting.with_drivers(policy=widest, cast=cast)
         return setting.with_drivers(temperature=self.temperature)
 

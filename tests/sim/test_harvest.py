@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -30,7 +31,7 @@ from cornerforge.sim.setting import Setting
 from cornerforge.sim.world import n_slots
 from cornerforge.types import ODDS, Odd, Scenario
 
-SUMS = {"log_prob_nde", "shortfall_nats", "possible_shortfall_nats"}  # NumPy adds in another order
+SUMS = {"log_prob_nde", "shortfall_nats", "possible_shortfall_nats", "excess_nats"}  # NumPy adds in another order
 
 
 def random_policy() -> PolicyNumbers:
@@ -198,11 +199,23 @@ def test_shortfalls_add_up(model: NddModel) -> None:
         assert (shortfall.max() <= 12.0) == (budget > 0)
         assert cases.column("possible_shortfall_nats").equals(cases.column("shortfall_nats"))
     free = Harvester(run_of(model, "swerve", road), n_slots(road)).harvest(3, 0, 100).cases
-    whole, possible, n = (np.array(free.column(field.name).to_pylist()) for field in SHORTFALL)
+    whole, possible, n, excess = (np.array(free.column(field.name).to_pylist()) for field in SHORTFALL)
     assert n.max() > 0
     np.testing.assert_array_equal(np.isposinf(whole), n > 0)  # impossible acts have no finite shortfall
     np.testing.assert_array_equal(whole[n == 0], possible[n == 0])
     assert np.isfinite(possible).all()
+    np.testing.assert_array_equal(np.isposinf(excess), n > 0)
+
+
+def test_natural_drivers_exceed_their_entropy_by_nothing_in_the_mean(model: NddModel) -> None:
+    """Each decision adds 0, given all before it; so the sum over 400 tests is 0 within 5 of its standard errors."""
+    recorder = Recorder(setting_of(model, Odd()), Odd())
+    found = [np.array(recorder.record(3, test).excess).sum() for test in range(400)]
+    error = np.std(found) / math.sqrt(len(found))
+    assert abs(np.mean(found)) < 5.0 * error
+    assert error < 0.3
+    short = [np.array(recorder.record(3, test).shortfall).sum() for test in range(100)]
+    assert np.mean(short) > 5.0  # a control: behind the likeliest actions they fall
 
 
 def test_packed_shards_must_continue_the_library(reckless: NddModel, tmp_path: Path) -> None:

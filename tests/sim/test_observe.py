@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hand_built import Car, glide, setting_of, world_of
@@ -17,6 +19,7 @@ from cornerforge.sim.observe import (
 )
 from cornerforge.sim.world import World
 from cornerforge.types import ACTION_HOLD, Odd
+from cornerforge.world_options import BUDGETS
 
 ROAD = Odd(n_lanes=4)
 
@@ -114,13 +117,18 @@ def test_bounded_mask_is_what_a_natural_driver_may_do(model: NddModel, lead_gap:
 # Likelihood budget
 
 
-def shortfalls(model: NddModel, world: World) -> np.ndarray:
-    """ln P(likeliest) - ln P(action) of slot 1 ; inf where it is impossible."""
+def costs(model: NddModel, world: World, kind: str) -> np.ndarray:
+    """What each action of slot 1 falls short of the likeliest, or exceeds the entropy by; inf where impossible."""
     setting = setting_of(model, ROAD)
     p = np.zeros(33)
     action_probabilities(world, 1, False, 0, setting.road, setting.tables, allocate_starter_scratch(), p)
     with np.errstate(divide="ignore"):
-        return np.log(p.max()) - np.log(p)
+        return (np.log(p.max()) if kind == "shortfall" else (p[p > 0.0] * np.log(p[p > 0.0])).sum()) - np.log(p)
+
+
+def give(world: World, budget: float | None, kind: str) -> None:
+    world.state["budget_left"] = budget_units(budget)
+    world.state["budget_most"] = budget_units(budget) if kind == "excess" else 0
 
 
 def behind(lead_gap: float) -> World:
@@ -129,37 +137,42 @@ def behind(lead_gap: float) -> World:
 
 @pytest.mark.parametrize("lead_gap", [3.0, 20.0, 80.0, 300.0])
 @pytest.mark.parametrize("budget", [0.0, 0.5, 3.0, 7.0, 1000.0])
-def test_a_budget_allows_what_it_can_pay_for(model: NddModel, lead_gap: float, budget: float) -> None:
+@pytest.mark.parametrize("kind", BUDGETS)
+def test_a_budget_allows_what_it_can_pay_for(model: NddModel, lead_gap: float, budget: float, kind: str) -> None:
     world = behind(lead_gap)
-    cost = shortfalls(model, world)
-    world.state["budget_left"] = budget_units(budget)
+    cost = costs(model, world, kind)
+    give(world, budget, kind)
     allowed = mask(model, world, 1, bounded=True)
     assert allowed[cost.argmin()]  # the likeliest costs nothing
     near = np.abs(cost - budget) < 2.0 / UNITS_PER_NAT  # costs are rounded up
     np.testing.assert_array_equal(allowed[~near], (cost <= budget)[~near])
-    world.state["budget_left"] = 0
+    give(world, None, kind)
     np.testing.assert_array_equal(mask(model, world, 1, bounded=True), np.isfinite(cost))
 
 
 @pytest.mark.parametrize("lead_gap", [20.0, 300.0])
-def test_an_action_costs_by_how_much_less_likely_it_is(model: NddModel, lead_gap: float) -> None:
+@pytest.mark.parametrize("kind", BUDGETS)
+def test_an_action_costs_by_how_much_less_likely_it_is(model: NddModel, lead_gap: float, kind: str) -> None:
     world = behind(lead_gap)
     setting = setting_of(model, ROAD)
-    cost = shortfalls(model, world)
+    cost = costs(model, world, kind)
+    assert (cost.min() < -0.2) == (kind == "excess")  # the likeliest gives back to a budget of excess
     for action in np.flatnonzero(np.isfinite(cost)):
         for budget in (5.0, 40.0):
-            world.state["budget_left"] = budget_units(budget)
+            give(world, budget, kind)
+            world.state["budget_left"] -= 100_000
             spend_budget(world, 1, int(action), setting.road, setting.tables, allocate_starter_scratch(), np.zeros(33))
             left = (world.state["budget_left"][0] - 1) / UNITS_PER_NAT
-            assert left == pytest.approx(max(0.0, budget - cost[action]), abs=1.1 / UNITS_PER_NAT)
+            most = budget if kind == "excess" else math.inf
+            assert left == pytest.approx(min(most, max(0.0, budget - 0.1 - cost[action])), abs=1.1 / UNITS_PER_NAT)
     assert len(set(np.round(cost[np.isfinite(cost)], 3))) > 5
-    world.state["budget_left"] = 0  # no limit stays no limit
+    give(world, None, kind)  # no limit stays no limit
     first = int(np.flatnonzero(np.isfinite(cost))[0])
     spend_budget(world, 1, first, setting.road, setting.tables, allocate_starter_scratch(), np.zeros(33))
     assert world.state["budget_left"][0] == 0
 
 
-@pytest.mark.parametrize(("budget", "entry"), [(None, 1.0), (0.0, 0.0), (2.5, 0.25), (10.0, 1.0), (50.0, 1.0)])
+@pytest.mark.parametrize(("budget", "entry"), [(None, 1.0), (0.0, 0.0), (2.5, 0.25), (10.0, 1.0), (50.0, 3.0)])
 def test_the_rest_of_the_budget_is_seen(model: NddModel, budget: float | None, entry: float) -> None:
     world = behind(20.0)
     before = seen(model, world, 1)

@@ -38,6 +38,8 @@ class Case:
     idm_bvs: bool
     reckless: bool
     budget: float | None
+    excess: bool
+    steers_from: int
 
     @property
     def test(self) -> int:
@@ -52,7 +54,7 @@ class Case:
             bounded=self.bounded,
             idm_bvs=self.idm_bvs,
             budget=self.budget,
-        )
+        ).with_drivers(excess=int(self.excess), steers_from=self.steers_from)
 
 
 def sight_of(number: int, *, by_motion: bool) -> Sight:
@@ -92,6 +94,7 @@ def case(number: int) -> Case:
     if av.kind == "cautious" and number % 2 == 1:  # behind a lead that brakes less than it, distances are another case
         av = replace(av, rss=replace(av.rss, lead_braking=3.0))
     adversary = ADVERSARIES[number % 4]
+    later = np.random.default_rng([number, 3])
     return Case(
         number,
         odd,
@@ -101,6 +104,8 @@ def case(number: int) -> Case:
         idm_bvs=bool(rng.random() < 0.15),
         reckless=bool(rng.random() < 0.5),
         budget=float(rng.choice([1.0, 4.0, 12.0])) if rng.random() < 0.5 else None,
+        excess=bool(later.random() < 0.5),
+        steers_from=int(later.choice([0, 0, 1, 4])),
     )
 
 
@@ -148,9 +153,9 @@ def assert_same_drivers(case: Case, setting: Setting, drive: Drive) -> None:
 def compare(case: Case, model: NddModel) -> Drive:
     """Drive one test with both simulators; also through the bulk path that keeps only outcomes."""
     av = driver_of(case.av)
-    simulator = Simulator(
-        case.odd, model, av, case.adversary, case.bounded, case.idm_bvs, case.budget if case.bounded else None
-    )
+    budget = case.budget if case.bounded else None
+    told = case.adversary, case.bounded, case.idm_bvs, budget, case.excess, case.steers_from
+    simulator = Simulator(case.odd, model, av, *told)
     drive = simulator.drive(case.number, case.test)
     setting = case.setting(model)
     assert_same_drivers(case, setting, drive)

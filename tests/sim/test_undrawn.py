@@ -24,6 +24,7 @@ from cornerforge.sim import (
     allocate_scratch,
     allocate_worlds,
     controllers,
+    keep_nothing,
     observe,
     reset_world,
     simulate,
@@ -115,5 +116,6 @@ def test_training_in_empty_lanes_ends(model: NddModel) -> None:
     setting = setting_of(model, ODD).with_drivers(critical=controllers.TOLD)
     empty = setting._replace(road=setting.road._replace(av_start=0.0, traffic_length=-1000.0))
     actors = allocate_actors(2, setting, SLOTS, observe.N_OBSERVATION)
+    scratch = allocate_scratch(SLOTS, setting.who.policy)
     with pytest.raises(InputError, match="no background vehicle to control in 1000 tests"):
-        start_worlds(1, 0, empty, allocate_scratch(SLOTS, setting.who.policy), actors)
+        start_worlds(1, 0, empty, scratch, keep_nothing(SLOTS), actors)

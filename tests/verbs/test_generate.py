@@ -35,6 +35,7 @@ from cornerforge.sim.controllers import cast_index
 from cornerforge.sim.recorder import Recorder
 from cornerforge.types import Odd
 from cornerforge.work.progress import NO_PROGRESS
+from cornerforge.world_options import STEER_FROM
 
 pytestmark = pytest.mark.full
 
@@ -324,14 +325,24 @@ def test_acting_at_random_is_another_library_and_greedy_has_no_doubt(some_policy
         )
 
 
-@pytest.mark.parametrize("budget", [3.0, 15.0])
-def test_no_case_exceeds_its_budget(budget: float, tmp_path: Path) -> None:
-    found = cornerforge.simulate(bv="swerve", odd="paper", budget=budget, tests=9000, out=tmp_path / "library")
+@pytest.mark.parametrize(
+    ("budget", "kind", "start"), [(3.0, "shortfall", 0), (15.0, "shortfall", None), (9.0, "excess", None)]
+)
+def test_no_case_exceeds_its_budget(budget: float, kind: str, start: int | None, tmp_path: Path) -> None:
+    found = cornerforge.simulate(
+        bv="swerve", odd="paper", budget=budget, budget_of=kind, steer_from=start, tests=9000, out=tmp_path / "library"
+    )
     assert found.cases is not None
     assert found.cases >= 3
-    shortfall = column(tmp_path / "library", "shortfall_nats")
-    assert all(0.0 <= value <= budget for value in shortfall)  # type: ignore[operator]
-    assert max(shortfall) > 0.8 * budget  # type: ignore[type-var, operator]
+    spent = column(tmp_path / "library", f"{kind}_nats")
+    assert all(0.0 <= value <= budget for value in spent)  # type: ignore[operator]
+    assert max(spent) > 0.8 * budget  # type: ignore[type-var, operator]
+    first = STEER_FROM if start is None else start
+    told = CaseLibrary.open(tmp_path / "library").identity
+    assert (told.get("budget_of", "shortfall"), told.get("steers_from", 0)) == (kind, first)
+    for actions in column(tmp_path / "library", "critical_bv_action"):
+        assert (np.array(actions)[:first] == -1).all()  # natural drivers have the road to themselves
+        assert (np.array(actions)[first:] >= 0).all()
     assert set(column(tmp_path / "library", "n_implausible")) == {0}
     assert cornerforge.replay(tmp_path / "library", "all", check=True).identical is True
 
@@ -342,6 +353,23 @@ def test_a_budget_goes_before_what_a_policy_brings(tmp_path: Path) -> None:
     assert (own.bounded, own.budget, own.setting.who.budget) == (True, 20.0, 20_000_001)
     assert (tighter.bounded, tighter.budget, tighter.setting.who.budget) == (True, 2.0, 2_000_001)
     assert own.identity(0)["policy_hash"] != tighter.identity(0)["policy_hash"]
+    later = experiment(bv=policy, budget=2.0, budget_of="excess", steer_from=3)
+    assert later.setting.who[6:8] == (1, 3)
+    assert (later.identity(0)["budget_of"], later.identity(0)["steers_from"]) == ("excess", 3)
+    assert later.identity(0)["policy_hash"] != tighter.identity(0)["policy_hash"]
+
+
+def test_when_an_adversary_steers() -> None:
+    for keywords, first in (
+        ({"bv": "nde"}, 0), ({"bv": "swerve"}, 0), ({"bv": "swerve", "bounded": True}, STEER_FROM),
+        ({"bv": "swerve", "budget": 5.0, "steer_from": 2}, 2), ({"bv": "swerve", "steer_from": 2}, 2),
+    ):  # fmt: skip
+        run = experiment(**keywords)
+        assert run.setting.who.steers_from == run.identity(0).get("steers_from", 0) == first
+    with pytest.raises(InputError, match="steer_from needs an adversary; nde has none"):
+        experiment(steer_from=3)
+    with pytest.raises(InputError, match="give the budget too"):
+        experiment(bv="swerve", bounded=True, budget_of="excess")
 
 
 def test_one_case(swerve_library: Path) -> None:

@@ -78,7 +78,9 @@ class DqnConfig(TrainConfig):
 
     `guided` is the share of worlds, at most 0.9, in which exploring mostly means to draw level and swerve, or to ram
     the AV from behind, so that crashes that chance hardly ever makes are seen at all; the chance to explore never falls
-    below `guided_epsilon` there. The training curve counts the other worlds. `paid_share`: see `replay.BalancedMemory`.
+    below `guided_epsilon` there. Their likelihood budgets exceed the budget by up to `richer`: what is left is seen, so
+    a crash that a richer test affords teaches what it would take. The training curve counts the other worlds.
+    `paid_share`: see `replay.BalancedMemory`.
     `target_limit`: learning targets are cut to [-target_limit, target_limit]. The default 1 is the largest return of a
     test that is paid at its end only; rewards on the way need more.
 
@@ -98,6 +100,7 @@ class DqnConfig(TrainConfig):
     decisions_per_update: int
     guided: Annotated[float, meant("Share of worlds.", "", 0.0, 0.9)] = 0.0
     guided_epsilon: Share = 0.0
+    richer: Annotated[float, meant("Most of the budget beyond it.", "nats", 0.0, 1e3)] = 0.0
     paid_share: Share = 0.0
     target_limit: Annotated[float, meant("Largest target.", "", 1e-6, 1e6)] = 1.0
 
@@ -131,6 +134,7 @@ PRESETS = {
         width=64,
         guided=0.5,
         guided_epsilon=0.25,
+        richer=15.0,
         paid_share=0.5,
     ),
     "paper": DqnConfig(

@@ -16,7 +16,7 @@ from cornerforge.adversary.network import Network, TrainableNetwork
 from cornerforge.adversary.replay import KEPT, BalancedMemory
 from cornerforge.adversary.worlds import Exploring, Transitions
 from cornerforge.drivers.policy import numbers_of_network
-from cornerforge.sim import controllers
+from cornerforge.sim import controllers, observe
 
 __all__ = ["PRESETS", "DqnLearner", "make_learner"]
 
@@ -53,7 +53,8 @@ class DqnLearner:
         config = self._config
         numbers = numbers_of_network(self.network.weights(), config.network, config.head)
         guided = round(config.guided * config.worlds)
-        return Exploring(controllers.POLICY, numbers, self._epsilon(decisions), guided, config.guided_epsilon)
+        richer = round(config.richer * observe.UNITS_PER_NAT)
+        return Exploring(controllers.POLICY, numbers, self._epsilon(decisions), guided, config.guided_epsilon, richer)
 
     def _epsilon(self, decisions: int) -> float:
         config = self._config

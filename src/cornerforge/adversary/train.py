@@ -135,7 +135,7 @@ class _Actor:
         self._actors = allocate_actors(config.worlds, setting, slots, observe.N_OBSERVATION)
         self.finished = self._actors.finished.view(np.int64)
         with naming_tests(self._actors.worlds):
-            start_worlds(seed, TRAINING_TESTS, setting, self._scratch, self._actors)
+            start_worlds(seed, TRAINING_TESTS, setting, self._scratch, self._keep, self._actors)
 
     def warm_up(self, exploring: Exploring) -> None:
         """Load the kernels that `act` calls, or compile them (once per installation); moves nobody."""

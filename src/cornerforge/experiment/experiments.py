@@ -161,6 +161,9 @@ class Experiment:
 
     def identity(self, seed: int) -> dict[str, str | int | float | bool | None]:
         """Return what names a test, with its number: seed, names, and hashes of settings, model, policy and AV."""
+        who = self.setting.who
+        mask = {"budget_of": "excess" if who.excess else None, "steers_from": who.steers_from}
+        mask = {key: value for key, value in mask.items() if value and self.bv != "nde"}  # as it always was: not named
         return {
             "seed": seed,
             "odd": self.odd.name,
@@ -171,6 +174,7 @@ class Experiment:
             "bv": self.bv,
             "bounded": self.bounded,
             "budget": self.budget,
+            **mask,
             "acting": self.acting,
             "policies": len(self.policies),
             "policy_hash": _joint_hash(self.policies),
@@ -182,6 +186,7 @@ class Experiment:
                     "bv": self.bv,
                     "bounded": self.bounded,
                     "budget": self.budget,
+                    **mask,
                     "acting": self.acting,
                 }
             ),

@@ -17,7 +17,8 @@ from cornerforge._checksums import read_tensors, weights_of, write_tensors
 from cornerforge._schema import Closed, Whole, meant, read
 from cornerforge.drivers.policy import HEADS, NetworkShape, PolicyNumbers, n_weights, numbers_of_network
 from cornerforge.errors import FileFormatError, InputError
-from cornerforge.sim import observe
+from cornerforge.sim import controllers, observe
+from cornerforge.world_options import BUDGETS
 
 __all__ = [
     "MAX_BUDGET",
@@ -31,7 +32,7 @@ __all__ = [
     "save_policy",
 ]
 
-POLICY_SCHEMA = 2
+POLICY_SCHEMA = 3
 MAX_BUDGET = 1e6
 """Largest likelihood budget [nats], far above any shortfall of a test; a larger one is a mistake for "no limit"."""
 _KEY = "cornerforge"
@@ -54,9 +55,14 @@ class PolicyHeader(Closed, frozen=True):
     head: Annotated[
         str, meant('How it acts: "greedy", or "softmax": drawn with odds exp(value). Version 1 lacks it and is greedy.')
     ] = "greedy"
+    budget_of: Annotated[
+        str, meant('What the budget limits: "shortfall" or "excess". Versions 1 and 2 lack it: shortfall.')
+    ] = BUDGETS[0]
+    steers_from: Annotated[Whole, meant("Second from which it steers. Versions 1 and 2 lack it: 0.", "s")] = 0
 
     def __post_init__(self) -> None:
         check_budget(self.budget, bounded=self.bounded)
+        check_in("budget_of", self.budget_of, BUDGETS)
         check_in("head", self.head, tuple(HEADS))
 
 
@@ -72,6 +78,8 @@ class Policy:
         budget: Likelihood budget of a test [nats] that it learned and acts with, 0 to `MAX_BUDGET`; None: no limit.
             Only where it is bounded.
         head: How it acts, a name of `drivers.policy.HEADS`.
+        budget_of: What the budget limits, a name of `world_options.BUDGETS`.
+        steers_from: Second of a test from which it steers, at least 0.
     """
 
     weights: NDArray[np.float32]
@@ -80,6 +88,14 @@ class Policy:
     about: Mapping[str, object]
     budget: float | None = None
     head: str = "greedy"
+    budget_of: str = BUDGETS[0]
+    steers_from: int = 0
+
+    @property
+    def mask(self) -> controllers.Mask:
+        """Mask, as kernels take it."""
+        excess = int(self.budget_of == "excess")
+        return controllers.Mask(int(self.bounded), observe.budget_units(self.budget), excess, self.steers_from)
 
 
 def check_budget(budget: float | None, *, bounded: bool) -> float | None:
@@ -104,9 +120,10 @@ def policy_hash(policy: Policy) -> str:
     """Compute SHA-256 (first 16 hex digits) over what decides how it acts: shape, mask, head and weights."""
     s = policy.shape
     mask = f"{policy.bounded} {policy.budget}"
-    # The hash of a greedy policy is as it was when there were no others.
-    head = "" if policy.head == "greedy" else f" {policy.head}"
-    facts = f"{observe.OBSERVATION_VERSION} {s.n_inputs} {s.n_shared} {s.n_stream} {s.width} {mask}{head}"
+    # A hash stays what it was when there were no other observations, heads, budgets and starts.
+    more = ((policy.head, "greedy"), (policy.budget_of, BUDGETS[0]), (policy.steers_from, 0))
+    mask += "".join(f" {value}" for value, usual in more if value != usual)
+    facts = f"2 {s.n_inputs} {s.n_shared} {s.n_stream} {s.width} {mask}"
     return hashlib.sha256(facts.encode() + policy.weights.astype("<f4").tobytes()).hexdigest()[:16]
 
 
@@ -124,6 +141,8 @@ def save_policy(policy: Policy, path: Path) -> None:
         "head": policy.head,
         "bounded": policy.bounded,
         "budget": policy.budget,
+        "budget_of": policy.budget_of,
+        "steers_from": policy.steers_from,
         "about": check_is_json("about", policy.about),
     }
     write_tensors(path, _KEY, header, {"weights": policy.weights}, "the policy")
@@ -141,19 +160,24 @@ def load_policy(path: Path) -> Policy:
     _check_versions(header, path)
     told = read(PolicyHeader, header, f"Policy file {path} is damaged")
     weights = weights_of(path, tensors, n_weights(told.network), "policy")
-    return Policy(weights, told.network, told.bounded, told.about, told.budget, told.head)
+    return Policy(
+        weights, told.network, told.bounded, told.about, told.budget, told.head, told.budget_of, told.steers_from
+    )
 
 
 def _check_versions(header: Mapping[str, object], path: Path) -> None:
     schema = header.get("schema_version")
-    if schema not in (1, POLICY_SCHEMA):
+    if schema not in range(1, POLICY_SCHEMA + 1):
         raise FileFormatError(
-            f"Policy file {path} has schema version {schema}; this cornerforge reads 1 and {POLICY_SCHEMA}."
+            f"Policy file {path} has schema version {schema}; this cornerforge reads 1 to {POLICY_SCHEMA}."
         )
     version = header.get("observation_version")
     network = header.get("network")
     inputs = network.get("n_inputs") if isinstance(network, dict) else None
-    if version != observe.OBSERVATION_VERSION or inputs != observe.N_OBSERVATION:
+    budget = header.get("budget")
+    # Version 2 showed 10 nats of what is left; up to there it is as version 3.
+    is_alike = version == 2 and (not isinstance(budget, (int, float)) or budget <= 10.0)
+    if not (version == observe.OBSERVATION_VERSION or is_alike) or inputs != observe.N_OBSERVATION:
         raise FileFormatError(
             f"Policy file {path} was trained for observation version {version} with {inputs} entries; "
             f"this cornerforge has version {observe.OBSERVATION_VERSION} with {observe.N_OBSERVATION}. Train it again."

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cornerforge._checks import check_number
+from cornerforge._checks import check_in, check_number
 from cornerforge.drivers.avs import numbers_of_av
 from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.drivers.policy import NO_POLICY
@@ -24,7 +24,7 @@ from cornerforge.road.straight import road_numbers
 from cornerforge.sim import Setting, controllers, n_slots, observe
 from cornerforge.types import Odd, odd_named
 from cornerforge.work import is_spread
-from cornerforge.world_options import WorldOptions
+from cornerforge.world_options import BUDGETS, STEER_FROM, WorldOptions
 
 __all__ = [
     "AV_LOG",
@@ -175,12 +175,15 @@ def experiment(
     """
     world = replace(world or WorldOptions(), **keywords)
     model, bounded, budget = world.model, world.bounded, world.budget
+    check_in("budget_of", world.budget_of, BUDGETS)
     road = road or road_of(world)
     spec, av_model = spec_of(world), av_of(world.av)
     _check_av(spec, takes_foreign=takes_foreign, takes_recorded=takes_recorded)
     ndd = model if isinstance(model, NddModel) else load_model(default_model_path() if model is None else Path(model))
     bounded = bounded or budget is not None
     budget = check_budget(budget, bounded=bounded)
+    if budget is None and world.budget_of != BUDGETS[0]:
+        raise InputError(f"budget_of = {world.budget_of!r} says what a budget limits; give the budget too.")
     known = ("nde", "idm", *(name for name in controllers.ADVERSARIES if name not in ("nobody", "policy")))
     names = [str(name) for name in ([bv] if isinstance(bv, (str, Path)) else bv)]
     if not names:
@@ -194,12 +197,14 @@ def experiment(
             _warn_of_another_world(loaded, file, road, ndd)
     driver = "policy" if policies else names[0]
     if policies:
-        if budget is not None:
-            policies = tuple(replace(p, bounded=True, budget=budget) for p in policies)
+        told = {} if budget is None else {"bounded": True, "budget": budget, "budget_of": world.budget_of}
+        told |= {} if world.steer_from is None else {"steers_from": world.steer_from}
+        policies = tuple(replace(p, **told) for p in policies)  # type: ignore[arg-type]
         bounded = all(p.bounded for p in policies)
         budget = policies[0].budget if len({p.budget for p in policies}) == 1 else None
-    if bounded and driver in ("nde", "idm"):
-        raise InputError(f"bounded needs an adversary; {driver} has none. Train one with: cornerforge train --bounded")
+    elif driver in ("nde", "idm") and (bounded or world.steer_from):
+        what = "bounded" if bounded else "steer_from"
+        raise InputError(f"{what} needs an adversary; {driver} has none. Train one with: cornerforge train --bounded")
     if bounded and (ndd.following > 0.0).all() and (ndd.free > 0.0).all():
         named = model_hash(ndd) if model is ndd else model
         raise InputError(
@@ -210,6 +215,10 @@ def experiment(
     if temperature > 0.0 and not policies:
         raise InputError(f"acting = {acting!r} needs a policy; {driver} has its own way. Give a policy file.")
     numbers = [policy_numbers(p) for p in policies]
+    steers_from = (STEER_FROM if bounded else 0) if world.steer_from is None else world.steer_from
+    excess = int(world.budget_of == "excess")
+    own = controllers.Mask(0, 0, excess, 0 if driver in ("nde", "idm") else steers_from)
+    mask = (policies[0].mask if policies else own)._replace(bounded=int(bounded), budget=observe.budget_units(budget))
     setting = Setting(
         road=road_numbers(road),
         av=numbers_of_av(av_model),
@@ -222,15 +231,10 @@ def experiment(
             else controllers.BUILT_IN,
             critical=controllers.ADVERSARIES["nobody" if driver in ("nde", "idm") else driver],
             others=controllers.IDM_BVS if driver == "idm" else controllers.NATURALISTIC,
-            bounded=int(bounded),
+            **mask._asdict(),
             policy=max(numbers, key=lambda p: p.width) if numbers else NO_POLICY,
-            budget=observe.budget_units(budget),
             temperature=temperature,
-            cast=controllers.NO_CAST
-            if len(policies) < 2
-            else controllers.cast_of(
-                numbers, [p.bounded for p in policies], [observe.budget_units(p.budget) for p in policies]
-            ),
+            cast=controllers.NO_CAST if len(policies) < 2 else controllers.cast_of(numbers, [p.mask for p in policies]),
         ),
     )
     spoken = {0.0: "greedy", controllers.AS_LEARNED: "learned"}.get(temperature, f"softmax:{temperature:g}")

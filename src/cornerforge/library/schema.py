@@ -96,6 +96,8 @@ class RunIdentity(Declared):
     bv: Annotated[str, meant("What drives the BVs.")]
     bounded: Annotated[bool, meant("The adversary takes only actions that the naturalistic model can take.")]
     budget: Annotated[float, meant("Likelihood budget; null: no limit.", "nats", 0.0, 1e6)] | None
+    budget_of: Annotated[str, meant("What the budget limits; missing: the shortfall.")] = "shortfall"
+    steers_from: Annotated[int, meant("Second from which the adversary steers; missing: 0.", "s", 0, 60)] = 0
     acting: Annotated[str, meant("How policies act: greedily, at random, or as they learned to.")]
     policies: Annotated[int, meant("How many policies drive, in turn.", "", 0, 10_000)]
     policy_hash: Annotated[Hex | None, meant("Hash of them; null: none.")]

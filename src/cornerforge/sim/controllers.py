@@ -33,6 +33,7 @@ __all__ = [
     "TOLD",
     "Cast",
     "Controllers",
+    "Mask",
     "cast_index",
     "cast_of",
     "critical_of",
@@ -66,10 +67,27 @@ MEMBER = np.dtype(
         ("head", "i8"),
         ("bounded", "i8"),
         ("budget", "i8"),
+        ("excess", "i8"),
+        ("steers_from", "i8"),
     ]
 )
-"""A policy of a mixture: where its weights begin and end, its network's shape and its head, its mask and its likelihood
-budget (`observe.budget_units`)."""
+"""A policy of a mixture: where its weights begin and end, its network's shape and its head, and its `Mask`."""
+
+
+class Mask(NamedTuple):
+    """Limits of an adversary.
+
+    Attributes:
+        bounded: 1 for the NDD-bounded mask.
+        budget: Likelihood budget of a test (`observe.budget_units`); 0: no limit. Needs `bounded`.
+        excess: 1 if the budget is one of excess, 0 if it is one of shortfalls (`observe.price_from`).
+        steers_from: Second from which it controls a BV; until then all BVs drive naturally.
+    """
+
+    bounded: int = 0
+    budget: int = 0
+    excess: int = 0
+    steers_from: int = 0
 
 
 class Cast(NamedTuple):
@@ -97,7 +115,7 @@ class Controllers(NamedTuple):
         others: NATURALISTIC, IDM_BVS, SCRIPTED or RAILS.
         bounded: 1 for the NDD-bounded mask.
         policy: The adversary's network; of a mixture the widest one, which decides the size of scratch.
-        budget: Likelihood budget of a test (`observe.budget_units`); 0: no limit. Needs `bounded`.
+        budget, excess, steers_from: As of `Mask`.
         temperature: Temperature at which a policy draws its actions; 0: it takes the best one; AS_LEARNED: as its
             head says.
         cast: The mixture of policies, each with its own mask and budget; empty for none.
@@ -111,25 +129,26 @@ class Controllers(NamedTuple):
     bounded: int = 0
     policy: PolicyNumbers = NO_POLICY
     budget: int = 0
+    excess: int = 0
+    steers_from: int = 0
     temperature: float = 0.0
     cast: Cast = NO_CAST
     script: NDArray[np.int8] = NO_SCRIPT
     rails: Rails = NO_RAILS
 
 
-def cast_of(policies: Sequence[PolicyNumbers], bounded: Sequence[bool], budgets: Sequence[int]) -> Cast:
+def cast_of(policies: Sequence[PolicyNumbers], masks: Sequence[Mask]) -> Cast:
     """Make a mixture of policies.
 
     Args:
         policies: At least one.
-        bounded: Whether each policy's mask is the NDD-bounded one.
-        budgets: Each policy's budget (`observe.budget_units`); 0: no limit. Ignored where it is not bounded.
+        masks: What each policy may do. A budget is ignored where it is not bounded.
     """
     members = np.zeros(len(policies), dtype=MEMBER)
     begin = 0
-    for k, (policy, is_bounded, budget) in enumerate(zip(policies, bounded, budgets, strict=True)):
+    for k, (policy, mask) in enumerate(zip(policies, masks, strict=True)):
         end = begin + policy.weights.size
-        members[k] = (begin, end, *policy[1:], is_bounded, budget if is_bounded else 0)
+        members[k] = (begin, end, *policy[1:], *mask._replace(budget=mask.budget if mask.bounded else 0))
         begin = end
     return Cast(np.concatenate([policy.weights for policy in policies]), members)
 
@@ -149,12 +168,12 @@ def cast_index(seed: int, test: int, n: int) -> int:
 
 
 @inlined_kernel
-def critical_of(seed: int, test: int, who: Controllers) -> tuple[PolicyNumbers, int, int]:
-    """Look up network, mask (1: bounded) and budget of the adversary of one test."""
+def critical_of(seed: int, test: int, who: Controllers) -> tuple[PolicyNumbers, Mask]:
+    """Look up network and mask of the adversary of one test."""
     members = who.cast.members
     if members.size == 0:
-        return who.policy, who.bounded, who.budget
+        return who.policy, Mask(who.bounded, who.budget, who.excess, who.steers_from)
     row = members[cast_index(seed, test, members.size)]
     weights = who.cast.weights[row.begin : row.end]
     network = PolicyNumbers(weights, row.n_inputs, row.n_shared, row.n_stream, row.width, row.head)
-    return network, row.bounded, row.budget
+    return network, Mask(row.bounded, row.budget, row.excess, row.steers_from)

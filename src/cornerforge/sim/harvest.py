@@ -404,6 +404,8 @@ def _keep_decisions(
     row.n_impossible = 0
     row.possible_shortfall_nats = 0.0
     row.n_implausible = 0
+    row.excess_nats = 0.0
+    stretch = 0.0
     row.log_prob_policy = 0.0
     for k in range(end.decisions):
         place = filled[DECISIONS] + k
@@ -416,6 +418,8 @@ def _keep_decisions(
         if decisions.log_prob[k] == -math.inf:
             row.n_impossible += 1
         row.log_prob_nde += decisions.log_prob[k]
+        stretch = 0.0 if stretch + decisions.excess[k] < 0.0 else stretch + decisions.excess[k]
+        row.excess_nats = row.excess_nats if stretch <= row.excess_nats else stretch  # NaN stays
         if decisions.shortfall[k] == math.inf:
             row.n_implausible += 1
         else:

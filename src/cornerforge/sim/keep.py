@@ -9,6 +9,7 @@ import numpy as np
 
 from cornerforge._elementary import log
 from cornerforge._jit import kernel
+from cornerforge.sim.observe import price_from
 from cornerforge.sim.statistics import NOBODY_COUNTED, Census, Counts, allocate_counts
 from cornerforge.sim.step import allocate_recording
 from cornerforge.types import N_ACTIONS, SUBSTEPS
@@ -41,6 +42,8 @@ class Decisions(NamedTuple):
         shortfall: Log-probability of the likeliest action minus that of the taken one, human errors included [nats],
             (K,), at least 0, +inf where the action is impossible; 0 without a critical BV. It is the action's cost to a
             likelihood budget, which does not know what the AV chose at that moment.
+        excess: Entropy of what the BV may do, taken from -ln of the probability of what it did [nats], (K,): in the
+            mean 0 of natural drivers; +inf where the action is impossible; 0 without a critical BV.
         log_prob_policy: Natural log of the action's probability under the policy, (K,); 0 without a policy.
     """
 
@@ -48,6 +51,7 @@ class Decisions(NamedTuple):
     controlled: NDArray[np.int16]
     log_prob: NDArray[np.float64]
     shortfall: NDArray[np.float64]
+    excess: NDArray[np.float64]
     log_prob_policy: NDArray[np.float64]
 
 
@@ -71,9 +75,7 @@ class Keep(NamedTuple):
 
 def allocate_decisions(n: int, slots: int) -> Decisions:
     """Allocate n decisions of `slots` vehicles; 0 records nothing."""
-    return Decisions(
-        np.zeros((n, slots), dtype=np.int8), np.zeros(n, dtype=np.int16), np.zeros(n), np.zeros(n), np.zeros(n)
-    )
+    return Decisions(np.zeros((n, slots), dtype=np.int8), np.zeros(n, dtype=np.int16), *(np.zeros(n) for _ in range(4)))
 
 
 def keep_nothing(slots: int, *, counts: Counts | None = None, census: Census = NOBODY_COUNTED) -> Keep:
@@ -110,6 +112,7 @@ def record_choice(w: World, bv: int, log_prob_policy: float, s: ChoiceScratch, d
     decisions.controlled[step] = bv
     decisions.log_prob[step] = 0.0
     decisions.shortfall[step] = 0.0
+    decisions.excess[step] = 0.0
     decisions.log_prob_policy[step] = log_prob_policy
     for i in range(w.state[0].n_vehicles):
         decisions.action[step, i] = w.vehicles[i].action
@@ -118,8 +121,6 @@ def record_choice(w: World, bv: int, log_prob_policy: float, s: ChoiceScratch, d
     action = w.vehicles[bv].action
     p = s.p[action]
     decisions.log_prob[step] = log(p) if p > 0.0 else -math.inf
-    most = 0.0
-    for a in range(N_ACTIONS):
-        most = max(most, s.unseen[a])
     p = s.unseen[action]
-    decisions.shortfall[step] = log(most) - log(p) if p > 0.0 else math.inf
+    decisions.shortfall[step] = price_from(s.unseen, False) - log(p) if p > 0.0 else math.inf
+    decisions.excess[step] = price_from(s.unseen, True) - log(p) if p > 0.0 else math.inf

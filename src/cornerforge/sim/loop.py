@@ -205,7 +205,7 @@ def look_as_bv(
     bv = nearest_bv(w)
     state.controlled = bv
     if bv >= 0:
-        bounded = critical_of(state.seed, state.test, setting.who)[1]
+        bounded = critical_of(state.seed, state.test, setting.who)[1].bounded
         observe(w, bv, setting.road, s.choice.found, observation)
         allowed_actions(w, bv, bounded, setting.road, setting.tables, s.choice.starters, s.choice.p, allowed)
     return bv
@@ -227,8 +227,8 @@ def _adversary_acts(w: World, bv: int, setting: Setting, s: Scratch) -> tuple[in
         if action == NO_ACTION:
             return action, 0.0
     else:
-        policy, bounded, _ = critical_of(state.seed, state.test, who)
-        allowed_actions(w, bv, bounded, setting.road, setting.tables, c.starters, c.p, c.allowed)
+        policy, mask = critical_of(state.seed, state.test, who)
+        allowed_actions(w, bv, mask.bounded, setting.road, setting.tables, c.starters, c.p, c.allowed)
         if who.critical == POLICY:
             observe(w, bv, setting.road, c.found, c.observation)
         action, log_prob_policy = choose_action(w, bv, who.critical, 0.0, who.temperature, policy, c)
@@ -288,7 +288,7 @@ def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scra
     if who.others == SCRIPTED:  # first: what follows leaves in the scratch what `record_choice` reads
         sort_by_x(w)
         _follow_script(w, lane, setting, s.choice, keep.chances)
-    if who.others != RAILS and (who.critical != NOBODY or recorded):
+    if who.others != RAILS and step >= state.steers_from and (who.critical != NOBODY or recorded):
         bv, action, log_prob_policy = _critical_bv_acts(w, lane, recorded, setting, s)
     state.bv_has_answered = 0
     if _is_counted(step, keep):
@@ -321,7 +321,8 @@ def _who_must_answer(w: World, substep: int, setting: Setting) -> int:
     state = w.state[0]
     if is_outside(setting.who) and w.av[0].has_answered == 0:
         return AV_MUST_ANSWER
-    if substep == 0 and setting.who.critical == TOLD and state.bv_has_answered == 0:
+    is_told = setting.who.critical == TOLD and state.decisions >= state.steers_from
+    if substep == 0 and is_told and state.bv_has_answered == 0:
         return BV_MUST_ANSWER
     return _NOBODY_MUST
 

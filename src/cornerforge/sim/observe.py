@@ -29,12 +29,14 @@ __all__ = [
     "allowed_actions",
     "budget_units",
     "observe",
+    "price",
+    "price_from",
     "spend_budget",
-    "surprise",
 ]
 
-OBSERVATION_VERSION = 2
-"""Raised whenever the meaning of an entry changes; stored with every policy. 2 added what is left of the budget."""
+OBSERVATION_VERSION = 3
+"""Raised whenever the meaning of an entry changes; stored with every policy. 2 added what is left of the budget, 3
+shows up to 30 nats of it, not 10."""
 UNITS_PER_NAT = 1_000_000
 """A likelihood budget is counted in whole units, so that sums are exact and do not depend on their order."""
 _NATS_SHOWN = 10.0
@@ -81,7 +83,7 @@ def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out:
     2, acceleration / 4, lanes free to its left and right (0 or 1); BV: the same without acceleration; relative BV - AV:
     dx / 50 and dx / 10 (clipped to +-3), dy / 4, speed difference / 10, target lanes' difference, lengthwise overlap
     (0 or 1); whether the BV, and the AV, changes lanes (0 or 1); what is left of the likelihood budget / 10 nats, at
-    most 1, and 1 without a budget. Then for each of the 4 vehicles nearest to the BV: dx / 50, dy / 4 and speed
+    most 3, and 1 without a budget. Then for each of the 4 vehicles nearest to the BV: dx / 50, dy / 4 and speed
     difference / 10 to the BV, target lane minus BV's, and 1; all 0 where there is no vehicle.
 
     Args:
@@ -116,7 +118,7 @@ def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out:
     out[18] = 1.0 if v[bv].duration > 0.0 else 0.0
     out[19] = 1.0 if v[0].duration > 0.0 else 0.0
     left = w.state[0].budget_left
-    out[20] = min(1.0, (left - 1) / (_NATS_SHOWN * UNITS_PER_NAT)) if left > 0 else 1.0
+    out[20] = min(3.0, (left - 1) / (_NATS_SHOWN * UNITS_PER_NAT)) if left > 0 else 1.0
     for k in range(_nearest_others(w, bv, found)):
         j = found[k]
         place = N_OWN + _PER_OTHER * k
@@ -143,7 +145,7 @@ def allowed_actions(
     Unbounded: all actions except lane changes that would leave the road or that repeat the running one. Bounded (paper,
     equation 12): of these, only actions that a naturalistic driver takes with a positive probability. Human errors are
     among them: to look away, to misjudge, to overlook a neighbour. With a budget (state.budget_left > 0): of these,
-    only actions with a `surprise` within the rest of the budget. The likeliest action costs nothing, so one is always
+    only actions whose `price` is within the rest of the budget. The likeliest action costs nothing, so one is always
     allowed.
 
     The choices of others at this moment are not known. The other BVs may start into the same lane, with their
@@ -176,40 +178,44 @@ def allowed_actions(
         for a in range(N_ACTIONS):
             allowed[a] = allowed[a] and p[a] > 0.0
         if left > 0:
-            most = _largest(p)
+            free = price_from(p, w.state[0].budget_most > 0)
             for a in range(N_ACTIONS):
-                allowed[a] = allowed[a] and surprise(p[a], most) < left
+                allowed[a] = allowed[a] and price(p[a], free) < left
 
 
 @kernel
-def _largest(p: NDArray[np.float64]) -> float:
+def price_from(p: NDArray[np.float64], excess: bool) -> float:
+    """Compute the log-probability of an action that costs nothing [nats], from the probabilities of all, (33,).
+
+    Of a shortfall that of the likeliest action. Of an excess the mean log-probability of what natural drivers do, minus
+    the entropy; never more than the former.
+    """
     most = 0.0
+    mean = 0.0
     for a in range(N_ACTIONS):
         most = max(most, p[a])
-    return most
+        if excess and p[a] > 0.0:
+            mean += p[a] * log(p[a])
+    return min(log(most), mean) if excess else log(most)
 
 
 @inlined_kernel
-def surprise(p: float, most: float) -> int:
-    """Compute an action's cost to a likelihood budget, ln(most / p), in units of the budget, rounded up.
+def price(p: float, free: float) -> int:
+    """Compute the cost of an action of probability p > 0, in units of a budget, rounded up; see `price_from`.
 
-    Args:
-        p: Probability of the action, above 0.
-        most: Probability of the likeliest action.
-
-    Returns:
-        At least 0; 0 for the likeliest action.
+    For the likeliest action it is 0 of a shortfall, and at most 0 of an excess.
     """
-    return math.ceil((log(most) - log(p)) * UNITS_PER_NAT)  # most / p may overflow
+    return math.ceil((free - log(p)) * UNITS_PER_NAT)
 
 
 @inlined_kernel
 def spend_budget(
     w: World, bv: int, action: int, road: RoadNumbers, tables: NddTables, c: StarterScratch, p: NDArray[np.float64]
 ) -> None:
-    """Take the cost of an allowed action (`surprise`) from the world's likelihood budget, if it has one.
+    """Take the cost of an allowed action (`price`) from the world's likelihood budget, if it has one.
 
-    Call it before the action is carried out. The probabilities come from `allowed_actions`.
+    What an action gives back to a budget of excess never fills it above its start, so nothing can be saved up. Call it
+    before the action is carried out. The probabilities come from `allowed_actions`.
 
     Args:
         w: The world at the moment of the decision.
@@ -220,9 +226,11 @@ def spend_budget(
         c, p: Scratch; p of shape (33,).
     """
     state = w.state[0]
-    if state.budget_left > 1:  # 1: nothing is left, so the action is the likeliest
+    most = state.budget_most
+    if state.budget_left > 1 or most > 0:  # 1: nothing is left of shortfalls, so the action is the likeliest
         action_probabilities(w, bv, False, w.vehicles[0].target_lane, road, tables, c, p)
-        state.budget_left = max(1, state.budget_left - surprise(p[action], _largest(p)))
+        left = max(1, state.budget_left - price(p[action], price_from(p, most > 0)))
+        state.budget_left = min(left, most) if most > 0 else left
 
 
 def budget_units(budget: float | None) -> int:

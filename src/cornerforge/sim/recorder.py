@@ -98,6 +98,7 @@ class Recording:
             log_prob_nde=decisions.log_prob[:decided].copy(),
             crash=crash,
             shortfall=decisions.shortfall[:decided].copy(),
+            excess=decisions.excess[:decided].copy(),
             **{body.name: self._world.vehicles[body.name][:n].astype(body.recorded) for body in BODY},
             **columns,
         )

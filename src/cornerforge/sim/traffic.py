@@ -16,7 +16,7 @@ from cornerforge.drivers.idm import desired_gap
 from cornerforge.errors import UndrawableError
 from cornerforge.ndd.memory import reflected
 from cornerforge.road.straight import half_lengths, lane_centre, part_right, truck_share_in
-from cornerforge.sim.controllers import RAILS, critical_of
+from cornerforge.sim.controllers import NOBODY, RAILS, critical_of
 from cornerforge.sim.outcome import RUNNING, UNDRAWN
 from cornerforge.sim.rails import put_on_rails
 from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, all_current
@@ -314,6 +314,8 @@ def clear_world(w: World, seed: int, test: int, branch: int) -> None:
     state.bv_crashes = 0
     state.bv_crashes_before = 0
     state.budget_left = 0
+    state.budget_most = 0
+    state.steers_from = 0
     state.n_current = 0
     state.n_seen = 0
     state.n_pairs = 0
@@ -342,7 +344,10 @@ def linked_reset_world(w: World, seed: int, test: int, setting: Setting) -> None
         put_on_rails(w, setting.who.rails, road)
         return
     state = w.state[0]
-    state.budget_left = critical_of(seed, test, setting.who)[2]
+    mask = critical_of(seed, test, setting.who)[1]
+    state.budget_left = mask.budget
+    state.budget_most = mask.budget if mask.excess else 0
+    state.steers_from = mask.steers_from if setting.who.critical != NOBODY else 0
     av_lane = min(road.n_lanes - 1, math.floor(uniform(_next_words(w)[0]) * road.n_lanes))
     words = _next_words(w)
     mean = initial.speed_mean + initial.stream_sd * normal_pair(words[0], words[1])[0]

@@ -94,6 +94,8 @@ STATE = _record(
     ("bv_crashes", "i8", "crashes between BVs so far"),
     ("bv_crashes_before", "i8", "the same when the second began"),
     ("budget_left", "i8", "rest of the adversary's likelihood budget, millionths of a nat, plus 1; 0: no limit"),
+    ("budget_most", "i8", "what a budget of excess fills up to again, in the same units; 0: it is one of shortfalls"),
+    ("steers_from", "i8", "second from which an adversary controls a BV"),
     ("n_current", "i8", "how much of `current` is in use"),
     ("n_seen", "i8", "how much of `current` the AV may look at"),
     ("n_pairs", "i8", "how many pairs are in use"),

@@ -90,6 +90,8 @@ def experiment_with(
         bounded=told.bounded,
         # Policies bring their budgets, which need not be the same.
         budget=None if policies else told.budget,
+        budget_of="shortfall" if policies else told.budget_of,
+        steer_from=None if policies else told.steers_from,
         acting=told.acting,
         takes_foreign=takes_foreign,
         takes_recorded=cases.on_rails,

@@ -169,13 +169,13 @@ def _with_shortfall(cases: pa.Table) -> pa.Table:
     """
     if all(field.name in cases.column_names for field in SHORTFALL):
         return cases
-    whole, possible, count = SHORTFALL
+    whole, possible, count, excess = SHORTFALL
     unknown = pa.nulls(cases.num_rows, pa.float64())
     known = cases.column(whole.name).combine_chunks() if whole.name in cases.column_names else unknown
     n = cases.column(count.name) if count.name in cases.column_names else pa.nulls(cases.num_rows, pa.int64())
     truth = pc.if_else(pc.greater(n, 0), pa.scalar(math.inf), known)
     cases = cases.drop_columns([field.name for field in SHORTFALL if field.name in cases.column_names])
-    for field, values in ((whole, truth), (possible, known), (count, n)):
+    for field, values in ((whole, truth), (possible, known), (count, n), (excess, unknown)):
         cases = cases.append_column(arrow_field(field), values)
     return cases
 

@@ -30,6 +30,7 @@ from cornerforge.results.rates import Yield
 from cornerforge.sim import Tally, controllers, runner
 from cornerforge.verbs.options.learning import Train
 from cornerforge.work.progress import NO_PROGRESS, Progress, moving
+from cornerforge.world_options import BUDGETS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -132,6 +133,7 @@ def checkpoint_beside(policy: Path, run: Experiment, config: TrainConfig, seed: 
         "seed": seed,
         "bounded": run.bounded,
         "budget": run.budget,
+        **_mask(run),
         "av_hash": run.av_hash,
         "model_hash": model_hash(run.model),
         **{f"train.{name}": value for name, value in asdict(config).items()},
@@ -184,7 +186,12 @@ def learn(
             checkpoint=checkpoint,
         )
     about = about_training(run, config, result, seed)
-    return Policy(result.weights, config.network, run.bounded, about, run.budget, config.head), result
+    return Policy(result.weights, config.network, run.bounded, about, run.budget, config.head, **_mask(run)), result
+
+
+def _mask(run: Experiment) -> dict[str, Any]:
+    """Say what the budget limits, and when the adversary begins to steer, as a policy names them."""
+    return {"budget_of": BUDGETS[run.setting.who.excess], "steers_from": run.setting.who.steers_from}
 
 
 def training_faults(run: Experiment) -> int:
@@ -378,10 +385,12 @@ def _check_same(policy: Policy, run: Experiment, config: TrainConfig, seed: int,
         OutputError: The file holds another policy.
     """
     found = {**policy.about, "bounded": policy.bounded, "budget": policy.budget}
+    found |= {"budget_of": policy.budget_of, "steers_from": policy.steers_from}
     wanted = {
         "seed": seed,
         "bounded": run.bounded,
         "budget": run.budget,
+        **_mask(run),
         "av_hash": run.av_hash,
         "model_hash": model_hash(run.model),
         "train": asdict(config),

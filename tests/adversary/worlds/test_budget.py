@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hand_built import setting_of
 
 from cornerforge.adversary.replay import allocate_transitions
@@ -30,7 +31,7 @@ def test_worlds_that_learn_keep_to_their_budget(model: NddModel) -> None:
     observation, allowed, state = actors.observation, actors.allowed, actors.worlds.state[:, 0]
     scratch, nothing = allocate_scratch(n_slots(odd), NO_POLICY), keep_nothing(n_slots(odd))
     out = allocate_transitions(WORLDS)
-    start_worlds(1, 0, setting, scratch, actors)
+    start_worlds(1, 0, setting, scratch, nothing, actors)
     assert (state["budget_left"] == budget_units(BUDGET)).all()
     p = np.zeros(33)
     poor = 0
@@ -47,7 +48,7 @@ def test_worlds_that_learn_keep_to_their_budget(model: NddModel) -> None:
             left = (before[b] - 1) / UNITS_PER_NAT
             close = np.abs(costs[b] - left) < 2.0 / UNITS_PER_NAT
             np.testing.assert_array_equal(allowed[b][~close], (costs[b] <= left)[~close])
-            assert observation[b, 20] == np.float32(min(1.0, left / 10.0))
+            assert observation[b, 20] == np.float32(min(3.0, left / 10.0))
         collect(WORLDS, AT_RANDOM, setting, REWARD, actors, scratch, nothing, out)
         after = state["budget_left"]
         goes_on = ~out.end
@@ -66,8 +67,33 @@ def test_without_a_budget_nothing_is_counted(model: NddModel) -> None:
     setting = setting_of(model, odd, bounded=True).with_drivers(critical=TOLD)
     actors = allocate_actors(4, setting, n_slots(odd), N_OBSERVATION)
     scratch, nothing = allocate_scratch(n_slots(odd), NO_POLICY), keep_nothing(n_slots(odd))
-    start_worlds(1, 0, setting, scratch, actors)
+    start_worlds(1, 0, setting, scratch, nothing, actors)
     for _ in range(5):
         collect(4, AT_RANDOM, setting, REWARD, actors, scratch, nothing, allocate_transitions(4))
         assert (actors.worlds.state["budget_left"] == 0).all()
         assert (actors.observation[:, 20] == 1.0).all()
+
+
+@pytest.mark.parametrize("excess", [0, 1])
+def test_guided_worlds_have_richer_budgets_and_later_worlds_begin_later(model: NddModel, excess: int) -> None:
+    odd, guided, begin = Odd(), WORLDS // 2, 4
+    setting = setting_of(model, odd, bounded=True, budget=BUDGET)
+    setting = setting.with_drivers(critical=TOLD, excess=excess, steers_from=begin)
+    actors = allocate_actors(WORLDS, setting, n_slots(odd), N_OBSERVATION)
+    state = actors.worlds.state[:, 0]
+    scratch, nothing = allocate_scratch(n_slots(odd), NO_POLICY), keep_nothing(n_slots(odd))
+    out = allocate_transitions(WORLDS)
+    start_worlds(1, 0, setting, scratch, nothing, actors)
+    assert (state["decisions"] == begin).all()
+    exploring = AT_RANDOM._replace(guided=guided, richer=budget_units(4.0))
+    rich = []
+    for _ in range(STEPS):
+        collect(WORLDS, exploring, setting, REWARD, actors, scratch, nothing, out)
+        assert (state["decisions"] >= begin).all()
+        new = np.flatnonzero(out.end)
+        given = (state["budget_left"][new] - 1) / UNITS_PER_NAT
+        np.testing.assert_array_equal(given[new >= guided], BUDGET)
+        assert ((given >= BUDGET) & (given <= BUDGET + 4.0)).all()
+        np.testing.assert_array_equal(state["budget_most"][new], state["budget_left"][new] if excess else 0)
+        rich += given[new < guided].tolist()
+    assert np.std(rich) > 0.8  # evenly drawn

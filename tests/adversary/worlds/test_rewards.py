@@ -129,7 +129,7 @@ def test_collect_pays_as_tests_judged_apart(name: str, adversary: str, model: Nd
     exploring = Exploring(ADVERSARIES[adversary], NO_POLICY, 0.0, 0, 0.0)
     actors, out = allocate_actors(n, told, slots, N_OBSERVATION), allocate_transitions(n)
     scratch, nothing = allocate_scratch(slots, NO_POLICY), keep_nothing(slots)
-    start_worlds(seed, 0, told, scratch, actors)
+    start_worlds(seed, 0, told, scratch, nothing, actors)
     tests = actors.worlds.state["test"][:, 0]
     assert tests.tolist() == list(range(n))
     rewards: dict[int, float] = {}

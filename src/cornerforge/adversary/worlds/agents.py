@@ -120,7 +120,7 @@ def allocate_bv_agents(n_worlds: int, slots: int) -> BvAgents:
 
 
 @kernel
-def start_as_bv(begin: int, end: int, setting: Setting, agents: BvAgents, s: Scratch) -> None:
+def start_as_bv(begin: int, end: int, setting: Setting, agents: BvAgents, s: Scratch, keep: Keep) -> None:
     """Put the chosen worlds of [begin, end) at the start of their tests; fill the critical BV's observation and mask.
 
     A test without any BV is passed over: tests[b] becomes the next test that has one.
@@ -131,8 +131,8 @@ def start_as_bv(begin: int, end: int, setting: Setting, agents: BvAgents, s: Scr
     for b in range(begin, end):
         if agents.chosen[b]:
             agents.tests[b] = start_with_bv(
-                world_row(agents.worlds, b), agents.seeds[b], agents.tests[b], 1, setting, s, agents.observation[b],
-                agents.allowed[b],
+                world_row(agents.worlds, b), agents.seeds[b], agents.tests[b], 1, setting, s, keep,
+                agents.observation[b], agents.allowed[b], 0,
             )  # fmt: skip
 
 

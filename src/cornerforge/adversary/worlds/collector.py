@@ -148,7 +148,8 @@ class Group:
         outside.begin_seconds(none, exploring, actors, s, out)
         outside.look(none, none, actors.worlds, setting, s, self._views)
         outside.go_on(none, none, np.zeros((0, setting.answer_width)), actors, setting, s, self._keep)
-        outside.end_seconds(none, exploring, setting, reward, actors, s, out)
+        outside.end_seconds(none, exploring, setting, reward, actors, s, self._keep, out)
+        outside.begin_to_steer(none, exploring, setting, s, self._keep, actors)
         outside.look_back(none, none, actors, setting, again)
         outside.go_on_again(none, none, none, actors, setting, s, self._keep, again)
 
@@ -159,9 +160,12 @@ class Group:
             AvFaultError: The AV failed in too many tests.
         """
         rows, setting, actors = self._rows, self._setting, self._actors
+        while (seats := outside.early(rows, actors)).size:
+            self.drive_second(seats)
+            outside.begin_to_steer(rows, exploring, setting, self._scratch, self._keep, actors)
         outside.begin_seconds(rows, exploring, actors, self._scratch, out)
         self.drive_second(outside.running(rows, actors))
-        outside.end_seconds(rows, exploring, setting, reward, actors, self._scratch, out)
+        outside.end_seconds(rows, exploring, setting, reward, actors, self._scratch, self._keep, out)
         warn_of_left_out(self._scratch)
 
     def drive_second(self, seats: NDArray[np.int64]) -> None:

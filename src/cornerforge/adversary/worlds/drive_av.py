@@ -158,6 +158,8 @@ def _setting_of_test(test: int, setting: Setting, hostile: NDArray[np.void]) -> 
         row.bounded,
         old.policy,
         0,
+        0,
+        0,
         old.temperature,
         old.cast,
         old.script,

@@ -7,6 +7,7 @@ which chooses here (`collect`; with an AV outside the kernels `drive_bv_outside`
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from cornerforge.sim import (
     AV_MUST_ANSWER,
     BV_MUST_ANSWER,
     NEVER,
+    OVER,
     Keep,
     World,
     advance,
@@ -63,6 +65,7 @@ __all__ = [
     "drive_again",
     "reward_of",
     "settle",
+    "start_next",
     "start_with_bv",
     "start_worlds",
 ]
@@ -146,6 +149,7 @@ class Exploring(NamedTuple):
         guided: Number of worlds, the first ones, in which exploring is guided: mostly an action that helps to make a
             crash. They are not counted in `Actors.finished`.
         guided_epsilon: Least chance of exploring in these worlds.
+        richer: By how much their budgets exceed the budget at most, in its units; drawn evenly for each test.
     """
 
     kind: int
@@ -153,6 +157,7 @@ class Exploring(NamedTuple):
     epsilon: float
     guided: int
     guided_epsilon: float
+    richer: int = 0
 
 
 class Actors(NamedTuple):
@@ -185,17 +190,21 @@ def allocate_actors(n_worlds: int, setting: Setting, slots: int, n_inputs: int) 
 
 @kernel
 def start_with_bv(
-    w: World, seed: int, test: int, step: int, setting: Setting, s: Scratch, observation: NDArray[np.float32],
-    allowed: NDArray[np.bool_],
+    w: World, seed: int, test: int, step: int, setting: Setting, s: Scratch, keep: Keep,
+    observation: NDArray[np.float32], allowed: NDArray[np.bool_], richer: int,
 ) -> int:  # fmt: skip
-    """Put a world at the start of a test, or of the first of every `step`-th after it that has a BV.
+    """Put a world where the adversary begins to steer in a test, or in the first of every `step`-th that has a BV then.
+
+    With an AV outside the kernels it is put at the start where the adversary steers later; the caller drives it on.
 
     Args:
         w: The world.
         seed, test, step: The tests.
         setting: The run.
         s: Scratch.
+        keep: Nothing is kept.
         observation, allowed: Filled with what the critical BV sees and may do.
+        richer: By how much the likelihood budget, if there is one, is more than it should be, at most.
 
     Returns:
         The number of the test.
@@ -205,28 +214,37 @@ def start_with_bv(
     """
     for _ in range(MAX_TRIES):
         reset_world(w, seed, test, setting)
-        if look_as_bv(w, setting, s, observation, allowed) >= 0:
+        state = w.state[0]
+        if richer > 0 and state.budget_left > 0:
+            state.budget_left += math.floor(richer * uniform(block(seed, test, 0, 0, PURPOSE_GUIDE)[0]))
+            state.budget_most = state.budget_left if state.budget_most > 0 else 0
+        must = advance(w, setting, s, keep, state.steers_from)
+        if must == AV_MUST_ANSWER or (must != OVER and look_as_bv(w, setting, s, observation, allowed) >= 0):
             return test
         test += step
     raise InputError(_NOBODY)
 
 
 @kernel
-def _start_world(seed: int, test: int, b: int, setting: Setting, s: Scratch, actors: Actors) -> None:
-    """Put world b at the start of a test, or of the next of its series that has a BV; fill observation and mask."""
+def start_next(b: int, exploring: Exploring, setting: Setting, s: Scratch, keep: Keep, actors: Actors) -> None:
+    """Begin the next test of world b's series (`start_with_bv`), with a richer budget in a guided world."""
+    w, n, seen, allowed = world_row(actors.worlds, b), actors.allowed.shape[0], actors.observation[b], actors.allowed[b]
+    richer = exploring.richer if b < exploring.guided else 0
     actors.history.answered[b] = 0
-    w, n = world_row(actors.worlds, b), actors.allowed.shape[0]
-    start_with_bv(w, seed, test, n, setting, s, actors.observation[b], actors.allowed[b])
+    start_with_bv(w, w.state[0].seed, w.state[0].test + n, n, setting, s, keep, seen, allowed, richer)
 
 
 @kernel
-def start_worlds(seed: int, first: int, setting: Setting, s: Scratch, actors: Actors) -> None:
-    """Put world b at the start of test first + b, or of the next of its series that has a BV.
+def start_worlds(seed: int, first: int, setting: Setting, s: Scratch, keep: Keep, actors: Actors) -> None:
+    """Begin test first + b in world b, or the next of its series that has a BV (`start_with_bv`).
 
     The series of world b is every B-th test.
     """
-    for b in range(actors.allowed.shape[0]):
-        _start_world(seed, first + b, b, setting, s, actors)
+    actors.history.answered[:] = 0
+    n = actors.allowed.shape[0]
+    for b in range(n):
+        w, seen, allowed = world_row(actors.worlds, b), actors.observation[b], actors.allowed[b]
+        start_with_bv(w, seed, first + b, n, setting, s, keep, seen, allowed, 0)
 
 
 @kernel
@@ -365,8 +383,9 @@ def choose(b: int, exploring: Exploring, actors: Actors, s: Scratch, out: Transi
 
 @kernel
 def settle(
-    b: int, exploring: Exploring, setting: Setting, reward: RewardNumbers, actors: Actors, s: Scratch, out: Transitions
-) -> None:
+    b: int, exploring: Exploring, setting: Setting, reward: RewardNumbers, actors: Actors, s: Scratch, keep: Keep,
+    out: Transitions,
+) -> None:  # fmt: skip
     """Complete the transition of world b, whose second is over, and start the next test if due.
 
     The next test is the one with its number plus the number of worlds. A test in which an AV outside failed (AV_FAULT)
@@ -386,7 +405,7 @@ def settle(
             finished.av_crashes += code == outcome.AV_CRASH
             finished.bv_crashes += code == outcome.BV_CRASH
             finished.paid += code == outcome.AV_CRASH and paid > 0.0
-        _start_world(w.state[0].seed, w.state[0].test + actors.allowed.shape[0], b, setting, s, actors)
+        start_next(b, exploring, setting, s, keep, actors)
     _copy_view(observation, allowed, out.next_observation[b], out.next_allowed[b])
 
 
@@ -411,4 +430,4 @@ def collect(
         w = world_row(actors.worlds, b)
         answer_as_bv(w, choose(b, exploring, actors, s, out))
         advance(w, setting, s, keep, NEVER)
-        settle(b, exploring, setting, reward, actors, s, out)
+        settle(b, exploring, setting, reward, actors, s, keep, out)

@@ -15,8 +15,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._jit import kernel
-from cornerforge.adversary.worlds.drive_bv import advance_again, choose, settle
-from cornerforge.sim import World, advance, answer_as_bv, av_scene, lockstep, outcome, reset_world, world_row
+from cornerforge.adversary.worlds.drive_bv import advance_again, choose, settle, start_next
+from cornerforge.sim import (
+    World,
+    advance,
+    answer_as_bv,
+    av_scene,
+    lockstep,
+    look_as_bv,
+    outcome,
+    reset_world,
+    world_row,
+)  # fmt: skip
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -25,7 +35,16 @@ if TYPE_CHECKING:
     from cornerforge.adversary.worlds.rewards import RewardNumbers
     from cornerforge.sim import Keep, Scratch, Setting
 
-__all__ = ["abandon", "begin_seconds", "end_seconds", "go_on", "go_on_again", "look", "look_back", "running"]
+__all__ = [
+    "abandon", "begin_seconds", "begin_to_steer", "early", "end_seconds", "go_on", "go_on_again", "look", "look_back",
+    "running",
+]  # fmt: skip
+
+
+def early(rows: NDArray[np.int64], actors: Actors) -> NDArray[np.int64]:
+    """List the seats in whose worlds the adversary does not steer yet, ascending."""
+    state = actors.worlds.state[rows, 0]
+    return np.flatnonzero(state["decisions"] < state["steers_from"])
 
 
 def running(rows: NDArray[np.int64], actors: Actors) -> NDArray[np.int64]:
@@ -84,11 +103,25 @@ def go_on(
 @kernel
 def end_seconds(
     rows: NDArray[np.int64], exploring: Exploring, setting: Setting, reward: RewardNumbers, actors: Actors, s: Scratch,
-    out: Transitions,
+    keep: Keep, out: Transitions,
 ) -> None:  # fmt: skip
     """Complete the transition of each row, whose second is over, and start its next test if due (`drive_bv.settle`)."""
     for k in range(rows.size):
-        settle(rows[k], exploring, setting, reward, actors, s, out)
+        settle(rows[k], exploring, setting, reward, actors, s, keep, out)
+
+
+@kernel
+def begin_to_steer(
+    rows: NDArray[np.int64], exploring: Exploring, setting: Setting, s: Scratch, keep: Keep, actors: Actors
+) -> None:
+    """Let the adversary look where it begins to steer now; where a test ended before, or has no BV, begin the next."""
+    for b in rows:
+        w, seen, allowed = world_row(actors.worlds, b), actors.observation[b], actors.allowed[b]
+        runs = w.state[0].outcome == outcome.RUNNING
+        if runs and w.state[0].decisions != w.state[0].steers_from:
+            continue
+        if not runs or look_as_bv(w, setting, s, seen, allowed) < 0:
+            start_next(b, exploring, setting, s, keep, actors)
 
 
 @kernel

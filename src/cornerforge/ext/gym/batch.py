@@ -350,7 +350,7 @@ class BvBatch(Batch):
         self._agents.chosen[:] = chosen
 
         def work(begin: int, end: int, s: Scratch, k: int) -> None:  # noqa: ARG001
-            agents.start_as_bv(begin, end, self._setting, self._agents, s)
+            agents.start_as_bv(begin, end, self._setting, self._agents, s, self._keep)
 
         self._share(work)
         self._histories[0].answered[chosen] = 0
@@ -439,8 +439,9 @@ class AvBatch(Batch):
 def adversary_batch(n: int, threads: int | None, world: WorldOptions, *, reward: str, delay: float = 1.0) -> BvBatch:
     """Make the worlds for `Adversary-v0`; arguments as for `AdversaryEnv`."""
     pays = reward_numbers(reward, delay)
-    # The agent chooses the actions of the controlled BV; an adversary is named so that the mask may be bounded.
-    run = experiment(world, bv="uniform", takes_foreign=True)
+    # The agent chooses the actions of the controlled BV from the start of a test on; an adversary is named so that the
+    # mask may be bounded.
+    run = experiment(world, bv="uniform", takes_foreign=True, steer_from=0)
     return BvBatch(run, n, threads, check_threads(None), pays, verdict_of(reward, run))
 
 

@@ -40,7 +40,7 @@ const GROUPS: readonly Group[] = [
   {
     title: "How often",
     first: { often: null, weight: "crashes per test that it stands for", possible_shortfall_nats: "how unlikely the BV's actions were (shortfall)", n_impossible: "actions impossible in natural traffic", n_implausible: "actions hardly ever seen in natural traffic" },
-    more: /^(log_prob|shortfall|n_decisions)/,
+    more: /^(log_prob|shortfall|excess|n_decisions)/,
   },
   {
     title: "Whose fault",
