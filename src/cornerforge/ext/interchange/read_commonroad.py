@@ -277,10 +277,9 @@ def _box(part: Element) -> tuple[float, ...]:
 
 def _placed(states: NDArray[np.float64], ahead: float, left: float, turn: float) -> NDArray[np.float64]:
     """Move states (S, 6) to the middle of a box."""
-    cos, sin = np.cos(states[:, 3]), np.sin(states[:, 3])
-    off = np.zeros_like(states)
-    off[:, 1:4] = np.stack([ahead * cos - left * sin, ahead * sin + left * cos, np.full(len(states), turn)], axis=1)
-    return np.asarray(states + off)
+    cos, sin, zero = np.cos(states[:, 3]), np.sin(states[:, 3]), np.zeros(len(states))
+    off = zero, ahead * cos - left * sin, ahead * sin + left * cos, zero + turn, zero, zero
+    return np.asarray(states + np.stack(off, axis=1))
 
 
 def _read_state(state: Element, most_steps: int) -> list[float]:
