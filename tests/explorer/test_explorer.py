@@ -270,6 +270,14 @@ def test_sql_gives_a_bit_for_each_row(server: Running) -> None:
         assert "\n" not in json.load(caught.value)["error"]
 
 
+def test_half_a_character_is_refused_in_one_line(server: Running) -> None:
+    for content in ({"where": "fault = '\ud800'"}, {"where": "true", "\ud800": 1}, "\udfff\ud800"):
+        with pytest.raises(HTTPError, match="400") as caught:
+            sent(server, "POST", "api/sql", content)
+        assert json.load(caught.value) == {"error": "The body is not JSON."}
+    assert sent(server, "POST", "api/sql", {"where": "fault <> '\U0001f697'"})  # a pair of halves is a character
+
+
 def test_notes_of_earlier_versions_are_named_and_left(
     place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

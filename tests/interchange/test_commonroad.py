@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -292,8 +293,9 @@ def test_time_steps_of_another_length_are_interpolated(tmp_path: Path) -> None:
 
 EXTRA = """<trafficSign id="900"><trafficSignElement/></trafficSign>
 <intersection id="901"/>
-<staticObstacle id="902"><type>parkedVehicle</type></staticObstacle>
-<dynamicObstacle id="903"><type>pedestrian</type><shape><circle><radius>0.5</radius></circle></shape></dynamicObstacle>
+<staticObstacle id="902"><type>parkedVehicle</type><shape/></staticObstacle>
+<dynamicObstacle id="903"><type>pedestrian</type><shape><circle><radius>0.5</radius></circle></shape>
+{walks}</dynamicObstacle>
 <dynamicObstacle id="904"><type>car</type><shape><circle><radius>2</radius></circle></shape></dynamicObstacle>
 <dynamicObstacle id="905"><type>car</type><shape><rectangle><length>4</length><width>2</width></rectangle></shape>
 {vague}</dynamicObstacle>
@@ -316,7 +318,8 @@ _POINT = "<point><x>30</x><y>{y}</y></point>"
 def test_what_is_not_carried_over_is_named_with_its_line(tmp_path: Path) -> None:
     extra = EXTRA.format(
         vague=_STATE.format(at="<circle><radius>1</radius></circle>", way=0),
-        oncoming=_STATE.format(at=_POINT.format(y=5), way=3.1),
+        walks=_STATE.format(at=_POINT.format(y=-10), way=0),
+        oncoming=_STATE.format(at=_POINT.format(y=18), way=3.1),
         beside=_STATE.format(at=_POINT.format(y=-12), way=0),
     )
     text = scenario_text(turned_by(0.0), extra=extra).replace('<planningProblem id="8"/>\n', "")
@@ -331,13 +334,16 @@ def test_what_is_not_carried_over_is_named_with_its_line(tmp_path: Path) -> None
     expected = {
         "trafficSign 900 is not carried over.": "trafficSign",
         "intersection 901 is not carried over.": "intersection",
-        "staticObstacle 902 is not carried over.": "staticObstacle",
-        'dynamicObstacle 903 is left out: "pedestrian" is no vehicle that can be driven here.': 'id="903"',
-        "dynamicObstacle 904 is left out: its shape is not one rectangle.": 'id="904"',
-        "dynamicObstacle 905 is left out: its position is not exact.": "circle",
-        "dynamicObstacle 906 is left out: it drives the other way.": 'id="906"',
+        "staticObstacle 902 is left out: its shape is not one rectangle; how near it comes is not known.": 'id="902"',
+        'dynamicObstacle 903 is left out: "pedestrian" is no vehicle that can be driven here; it comes within 28.8 m of'
+        " the AV (after 0.0 s).": 'id="903"',
+        "dynamicObstacle 904 is left out: its shape is not one rectangle; how near it comes is not known.": 'id="904"',
+        "dynamicObstacle 905 is left out: its position is not exact; how near it comes is not known.": 'id="905"',
+        "dynamicObstacle 906 is left out: it is across the road, or drives the other way;"
+        " it comes within 26.0 m of the AV (after 0.0 s).": 'id="906"',
         'dynamicObstacle 906 is "bus"; it is taken as a truck of its size.': 'id="906"',
-        "dynamicObstacle 907 is left out: it is never on the AV's road.": 'id="907"',
+        "dynamicObstacle 907 is left out: it is never on the AV's road;"
+        " it comes within 27.9 m of the AV (after 0.0 s).": 'id="907"',
         'dynamicObstacle 907 is "taxi"; it is taken as a car of its size.': 'id="907"',
         "initialSignalState of dynamicObstacle 907 is not carried over.": "initialSignalState",
         "laneletX is not carried over.": "laneletX",
@@ -349,6 +355,70 @@ def test_what_is_not_carried_over_is_named_with_its_line(tmp_path: Path) -> None
     assert set(found) == set(expected)
     for what, part in expected.items():
         assert part in found[what], what
+
+
+BOX = "<rectangle><length>4.6</length><width>1.8</width></rectangle>"
+FENCE = "<polygon>" + "".join(f"<point><x>{x}</x><y>{y}</y></point>" for x in (-5, 5) for y in (-1, 1)) + "</polygon>"
+
+
+def standing(kind: str, x: float, y: float, *, shape: str = BOX, way: float = 0.0, tag: str = "static") -> str:
+    """An obstacle in the frame of the road, and as the AV of `scenario_text` drives for 4 s at 25 m/s along y = 1.4."""
+    return (
+        f'<{tag}Obstacle id="60"><type>{kind}</type><shape>{shape}</shape><initialState><position><point><x>{x}</x>'
+        f"<y>{y}</y></point></position><orientation><exact>{way}</exact></orientation><time><exact>0</exact></time>"
+        f"</initialState></{tag}Obstacle>\n"
+    )
+
+
+def test_a_parked_vehicle_along_a_lane_stands_in_the_case(tmp_path: Path) -> None:
+    text = scenario_text(turned_by(0.0), extra=standing("parkedVehicle", 90.0, -3.0))
+    case = read(tmp_path, text)
+    assert case.called[-1] == "obstacle 60"
+    np.testing.assert_allclose(case.poses[:, 3, [X, Y, SPEED, LANE]], np.tile([90.0, 1.0, 0.0, 0.0], (41, 1)))
+    assert any('staticObstacle 60 is "parkedVehicle"; it is taken as a car' in note for note in case.notes)
+    assert len(case.poses) == len(read(tmp_path, scenario_text(turned_by(0.0))).poses)
+
+
+@pytest.mark.parametrize(
+    ("extra", "why", "gap", "seconds"),
+    [
+        (standing("roadBoundary", 50.0, -6.0, shape=FENCE), '"roadBoundary" is no vehicle', 5.4, 1.7),
+        (standing("pillar", 50.0, -6.0, shape="<circle><radius>0.5</radius></circle>"), '"pillar" is', 5.9, 1.9),
+        (standing("parkedVehicle", 50.0, 9.0), "it is never on the AV's road", 5.7, 1.9),
+        (standing("unknown", 250.0, 1.4), '"unknown" is no vehicle', 145.2, 4.0),
+        (standing("parkedVehicle", 250.0, 1.4, way=1.57), "it is across the road,", 146.6, 4.0),
+        (standing("bicycle", 50.0, -10.0, tag="dynamic"), '"bicycle" is no vehicle', 46.2, 0.0),
+    ],
+)
+def test_what_is_left_out_is_named_with_how_near_it_comes(
+    tmp_path: Path, extra: str, why: str, gap: float, seconds: float
+) -> None:
+    case = read(tmp_path, scenario_text(turned_by(0.0), extra=extra))
+    [note] = [note for note in case.notes if "60 is left out" in note]
+    assert why in note
+    assert note.endswith(f"; it comes within {gap} m of the AV (after {seconds} s).")
+    assert len(case.kind) == 3
+
+
+@pytest.mark.parametrize(
+    ("extra", "message"),
+    [
+        (standing("constructionZone", 90.0, 1.4, shape=FENCE), '"constructionZone" is no vehicle.*within 0.0 m'),
+        (
+            standing("parkedVehicle", 90.0, 1.4, way=3.14),
+            "it is across the road, or drives the other way; it comes within 0.0 m",
+        ),
+        (standing("parkedVehicle", 90.0, -4.5), r"it is never on the AV's road; it comes within 4\.0 m"),
+        (standing("pedestrian", 30.0, 1.4, tag="dynamic"), '"pedestrian" is no vehicle'),
+        (
+            standing("car", 30.0, 5.0, way=3.1, tag="dynamic"),
+            "it is across the road, or drives the other way; it comes within 25.2 m",
+        ),
+    ],
+)
+def test_what_is_in_the_way_of_the_av_refuses_the_file(tmp_path: Path, extra: str, message: str) -> None:
+    with pytest.raises(DataError, match=rf"line \d+: \w+ 60 cannot be carried over and is in the AV's way: {message}"):
+        read(tmp_path, scenario_text(turned_by(0.0), extra=extra))
 
 
 def test_an_obstacle_can_be_the_av(tmp_path: Path) -> None:
@@ -416,22 +486,29 @@ def test_an_av_that_moves_otherwise_than_its_velocity_says_is_refused(tmp_path: 
 @pytest.mark.parametrize(
     ("change", "note"),
     [
-        (broken("<length>12.0<", "<length>0.0<"), "is left out: its length is 0 m; 0.5 to 30 m can be driven."),
-        (broken("1.9</width>", "19</width>"), "is left out: its width is 19 m; 0.3 to 4 m can be driven."),
+        (broken("<length>12.0<", "<length>0.0<"), "its length is 0 m; 0.5 to 30 m can be driven"),
+        (broken("1.9</width>", "19</width>"), "its width is 19 m; 0.3 to 4 m can be driven"),
         (
             broken("<time><exact>40<", "<time><exact>39<"),
-            "is left out: it has two different states at one time step.",
+            "it has two different states at one time step",
         ),
-        (in_kmh, "is left out: it is not where its velocity takes it (jumps, or other units)."),
+        (in_kmh, "it is not where its velocity takes it (jumps, or other units)"),
     ],
 )
-def test_an_obstacle_that_cannot_be_does_not_stop_the_file(
+def test_an_obstacle_that_cannot_be_stops_the_file_only_in_the_way_of_the_av(
     tmp_path: Path, change: Callable[[str], str], note: str
 ) -> None:
-    text = scenario_text(turned_by(0.0))
-    case = read(tmp_path, change(text))
-    assert any(f"dynamicObstacle 3{n} {note}" in one for n in (1, 2) for one in case.notes), case.notes
-    assert len(case.kind) == len(read(tmp_path, text).kind) - 1
+    text = change(scenario_text(turned_by(0.0)))
+    with pytest.raises(
+        DataError,
+        match=rf"dynamicObstacle 3[12] cannot be carried over and is in the AV's way: {re.escape(note)}; it comes",
+    ):
+        read(tmp_path, text)
+    start = text.index("<planningProblem")
+    behind = text[start:].replace("<x>0.0", "<x>-45.0").replace("<exact>25.0<", "<exact>10.0<")
+    case = read(tmp_path, text[:start] + behind)
+    assert any(re.search(rf"dynamicObstacle 3[12] is left out: {re.escape(note)}; it comes", n) for n in case.notes)
+    assert len(case.kind) == 2
 
 
 def test_a_state_given_twice_counts_once(tmp_path: Path) -> None:
@@ -493,7 +570,7 @@ def test_ten_thousand_vehicles_are_refused(tmp_path: Path) -> None:
         "</shape>" + _STATE.format(at=_POINT.format(y=1.4), way=0) + "</dynamicObstacle>\n"
     )
     for number, message in (
-        (10_000, "there are 10,002 dynamic obstacles; up to 1,000"),
+        (10_000, "there are 10,002 obstacles; up to 1,000"),
         (300, "There are 303 vehicles"),
     ):
         extra = "".join(car.format(1000 + k) for k in range(number))

@@ -163,7 +163,11 @@ BAD: dict[str, tuple[Callable[[str], str], type[CornerForgeError], str]] = {
     "km/h": (row_changed(2, "speed_mps", "110"), InputError, "110 m/s.*in m/s"),
     "feet": (row_changed(2, "length_m", "60"), DataError, "length_m = 60 in row 2"),
     "frames of 25 Hz": (row_changed(4, "time_s", "0.04"), DataError, "ten frames a second"),
-    "another class": (row_changed(1, "class", "tram"), DataError, 'class "tram" is none of car, truck, motorcycle'),
+    "another class": (
+        row_changed(1, "class", "tram"),
+        DataError,
+        'class "tram" of slot 0, the AV, is none of car, truck',
+    ),
     "grows": (row_changed(4, "length_m", "4.8"), DataError, "length_m of slot 0 changes in row 4"),
     "no AV": (lambda text: text.replace(",0,car", ",1,car"), DataError, "no slot 0"),
     "twice": (row_changed(2, "slot", "0"), DataError, "two rows for one frame"),
@@ -197,6 +201,31 @@ def test_bad_files_are_one_clear_error(tmp_path: Path, name: str) -> None:
     path.write_text(changed(path.read_text()))
     with pytest.raises(error, match=message):
         read_table(path)
+
+
+@pytest.mark.parametrize(("x", "y"), [(50.0, RIGHT), (20.0, -12.0), (90.0, RIGHT)])
+def test_a_class_that_no_vehicle_has_is_left_out_by_name_unless_it_is_in_the_way(
+    tmp_path: Path, x: float, y: float
+) -> None:
+    path = tmp_path / "t.csv"
+    scenario = cut_in()
+    scenario.x[:, 1], scenario.y[:, 1] = scenario.x[:, 0] + x, y
+    scenario.speed[:, 1] = scenario.speed[:, 0]
+    write_table(OutCase("case-1", scenario, FACTS), path)
+    head, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([head, *(re.sub(r"^(\d+,[^,]*,7,)[a-z]+", r"\1cyclist", row) for row in rows)]))
+    if (x, y) == (50.0, RIGHT):
+        with pytest.raises(
+            DataError, match=r'slot 7, of class "cyclist", .* in the AV\'s way; it comes within 39\.4 m'
+        ):
+            read_table(path)
+        return
+    case = read_table(path)
+    assert case.called == ("slot 0", "slot 3")
+    [note] = case.notes
+    assert re.search(
+        r'slot 7, of class "cyclist", is left out: it is none that can be driven; it comes within \d+\.\d m of', note
+    )
 
 
 def test_a_road_of_one_lane_gets_another_and_says_so(tmp_path: Path) -> None:

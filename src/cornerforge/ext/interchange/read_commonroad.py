@@ -2,8 +2,9 @@
 
 The road is the one that the AV starts on: its lanelet with what goes before and after it, and the lanelets beside that
 which go the same way. It must be straight or a gentle curve (`straightening`). Lanes get one width, the mean. Vehicles
-are the dynamic obstacles with exact states and a rectangle of a vehicle's size; all else stands in the notes, with its
-line. Kinds of lanelets, line markings and permitted users of a lane have no effect here and are not listed.
+are the obstacles with exact states and a rectangle of a vehicle's size, parked ones included; all else stands in the
+notes, with its line and how near it comes, or is refused if it is in the AV's way (`left_out`). Kinds of lanelets, line
+markings and permitted users of a lane have no effect here and are not listed.
 
 Coordinates: x along the road from the foot of the file's origin, or from the AV's start where the origin is more than
 10 km off; y from the right edge of the rightmost lane. The first frame is the AV's first.
@@ -13,16 +14,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, POSE_NUMBERS, SPEED, X, Y
-from cornerforge.errors import DataError, FileFormatError, InputError
+from cornerforge.errors import CornerForgeError, DataError, FileFormatError, InputError
 from cornerforge.ext.interchange.commonroad import facts_of_source
 from cornerforge.ext.interchange.differences import jumps, rates
+from cornerforge.ext.interchange.left_out import gaps, in_lanes, nearest, within
 from cornerforge.ext.interchange.straightening import Course, course_along
 from cornerforge.ext.interchange.xml_input import Element, read_xml
 from cornerforge.library.out_case import ONE_LANE, Fact, MovingCase, safe_name, straight_road
@@ -33,7 +35,7 @@ __all__ = ["read_commonroad"]
 _VERSION = "2020a"
 _KINDS = {
     "car": CAR, "taxi": CAR, "priorityVehicle": CAR, "unknown": CAR, "truck": TRUCK, "bus": TRUCK,
-    "motorcycle": MOTORCYCLE, "bicycle": MOTORCYCLE,
+    "motorcycle": MOTORCYCLE, "parkedVehicle": CAR,
 }  # fmt: skip
 _AS_THEY_ARE = ("car", "truck", "motorcycle")
 _SIZE = (5.0, 2.0)
@@ -56,8 +58,10 @@ _UNEVEN = 0.3
 _SHORT = 10.0
 _SWAYS = 0.25
 """Slower sideways is no lane change [m/s]."""
+_OBSTACLES = ("dynamicObstacle", "staticObstacle")
+_ACROSS = 0.5
 _ASTRAY = "it is not where its velocity takes it (jumps, or other units)"
-_PLACED = ("lanelet", "dynamicObstacle", "planningProblem", "location", "scenarioTags")
+_PLACED = ("lanelet", *_OBSTACLES, "planningProblem", "location", "scenarioTags")
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,7 @@ class _Track:
         length, width: [m].
         states: Time step, x, y, orientation, velocity, acceleration, (S, 6), steps ascending; NaN where not given.
         recorded: False: only where it starts is known.
+        why_not: Why it cannot be carried over; empty: it can. If it cannot, it may have no states.
     """
 
     element: Element
@@ -94,6 +99,12 @@ class _Track:
     width: float
     states: NDArray[np.float64]
     recorded: bool = True
+    why_not: str = ""
+
+    @property
+    def stands(self) -> bool:
+        """Whether it is static: where it is in its only state it always is."""
+        return self.element.tag == "staticObstacle"
 
 
 @dataclass(frozen=True)
@@ -153,7 +164,7 @@ def read_commonroad(path: Path, *, ego: int | None = None) -> MovingCase:
     notes = _Notes()
     _note_the_rest(root, notes)
     tracks = _read_tracks(root, _LONGEST_S / step_s, notes)
-    av = _choose_av(root, tracks, ego, notes)
+    av = _choose_av(root, [t for t in tracks if not (t.why_not or t.stands)], ego, notes)
     road = _find_road([_read_lanelet(element) for element in root.all("lanelet")], av, root, notes)
     others = [track for track in tracks if track is not av]
     return _make_case(root, road, av, others, step_s, notes)
@@ -179,51 +190,40 @@ def _named(element: Element) -> str:
 
 
 def _read_tracks(root: Element, most_steps: float, notes: _Notes) -> list[_Track]:
-    """Read all dynamic obstacles that can be carried over, and note the others."""
-    obstacles = sum(1 for _ in root.all("dynamicObstacle"))
-    if obstacles > _MOST_OBSTACLES:
+    """Read all obstacles, those included that cannot be carried over."""
+    found = list(root.all(*_OBSTACLES))
+    if len(found) > _MOST_OBSTACLES:
         raise InputError(
-            f"{root.file}: there are {obstacles:,} dynamic obstacles; up to {_MOST_OBSTACLES:,} are read. Keep those "
-            "near the AV."
+            f"{root.file}: there are {len(found):,} obstacles; up to {_MOST_OBSTACLES:,} are read. Keep those near."
         )
-    tracks = []
-    for element in root.all("dynamicObstacle"):
-        why_not = _unusable(element)
-        if why_not is None:
-            track = _read_track(element, int(most_steps), notes)
-            tracks += [] if track is None else [track]
-        else:
-            notes.say(why_not[0], f"{_named(element)} is left out: {why_not[1]}.")
+    tracks = [track for element in found for track in _tracks_of(element, int(most_steps), notes)]
     seen: set[int] = set()
     for track in tracks:
-        if track.name in seen:
+        if track.name in seen and not track.why_not:
             track.element.fault(f"there are several obstacles of id {track.name}; give each its own")
         seen.add(track.name)
     return tracks
 
 
-def _unusable(element: Element) -> tuple[Element, str] | None:
-    """Say why an obstacle cannot be carried over, and where that stands; None: it can."""
-    kind = element.need("type")
-    if kind.text not in _KINDS:
-        return kind, f'"{kind.text[:20]}" is no vehicle that can be driven here'
-    shape = element.need("shape")
+def _unusable(element: Element) -> str:
+    """Say why an obstacle cannot be carried over; empty: it can."""
+    kind, shape = element.need("type").text, element.need("shape")
+    if kind not in _KINDS or (kind == "unknown" and element.tag == "staticObstacle"):
+        return f'"{kind[:20]}" is no vehicle that can be driven here'
     if [part.tag for part in shape.children] != ["rectangle"]:
-        return shape, "its shape is not one rectangle"
+        return "its shape is not one rectangle"
     for name, (low, high) in _SIZES.items():
-        side = shape.need("rectangle", name)
-        meters = side.number(None)
+        meters = shape.need("rectangle", name).number(None)
         if not low <= meters <= high:
-            return side, f"its {name} is {meters:g} m; {low:g} to {high:g} m can be driven"
-    cloud = element.child("occupancySet")
-    if cloud is not None:
-        return cloud, "where it may be is a set of places, not a trajectory"
+            return f"its {name} is {meters:g} m; {low:g} to {high:g} m can be driven"
+    if element.child("occupancySet") is not None:
+        return "where it may be is a set of places, not a trajectory"
     for state in _states_of(element):
         for name in ("position", "orientation", "time", "velocity", "acceleration"):
             value = state.child(name)
             if value is not None and value.child("point" if name == "position" else "exact") is None:
-                return value, f"its {name} is not exact"
-    return None
+                return f"its {name} is not exact"
+    return ""
 
 
 def _states_of(element: Element) -> list[Element]:
@@ -232,38 +232,54 @@ def _states_of(element: Element) -> list[Element]:
     return [element.need("initialState"), *later]
 
 
-def _read_track(element: Element, most_steps: int, notes: _Notes) -> _Track | None:
-    """Read an obstacle with exact states; the rectangle's own offset and turn are applied.
-
-    Returns:
-        None, with a note, for one that is in two states at once.
-    """
-    kind = element.need("type")
-    if kind.text not in _AS_THEY_ARE:
+def _tracks_of(element: Element, most_steps: int, notes: _Notes) -> list[_Track]:
+    """Read an obstacle: one track, or, if it cannot be carried over, one for each part of its shape."""
+    why_not, kind = _unusable(element), element.need("type")
+    if not why_not and kind.text not in _AS_THEY_ARE:
         like = {CAR: "car", TRUCK: "truck", MOTORCYCLE: "motorcycle"}[_KINDS[kind.text]]
         notes.say(kind, f'{_named(element)} is "{kind.text}"; it is taken as a {like} of its size.')
-    box = element.need("shape", "rectangle")
-    length, width = (box.need(name).number(None) for name in _SIZES)
-    states = np.array([_read_state(state, most_steps) for state in _states_of(element)])
+    try:
+        boxes = [_box(part) for part in element.need("shape").children]
+        states = np.array([_read_state(state, most_steps) for state in _states_of(element)])
+    except CornerForgeError:
+        if not why_not:
+            raise
+        boxes, states = [], np.empty((0, 6))
     states = states[np.argsort(states[:, 0], kind="stable")]
     again = np.concatenate([[False], np.diff(states[:, 0]) == 0])
     if again.any():
         before, after = np.nan_to_num(states[:-1][again[1:]]), np.nan_to_num(states[again])
         if not np.array_equal(before, after):
-            notes.say(element, f"{_named(element)} is left out: it has two different states at one time step.")
-            return None
-        notes.say(element, f"{_named(element)} has {again.sum()} state(s) twice; each counts once.")
+            why_not = "it has two different states at one time step"
+        else:
+            notes.say(element, f"{_named(element)} has {again.sum()} state(s) twice; each counts once.")
         states = states[~again]
-    center = box.child("center")
-    if center is not None:
-        ahead, left = _point(center)
-        cos, sin = np.cos(states[:, 3]), np.sin(states[:, 3])
-        states[:, 1] += ahead * cos - left * sin
-        states[:, 2] += ahead * sin + left * cos
-    turn = box.child("orientation")
-    states[:, 3] += 0.0 if turn is None else _angle(turn)
-    name = element.integer("id", low=1, high=2**62)
-    return _Track(element, name, _KINDS[kind.text], length, width, states)
+    name = 0 if why_not else element.integer("id", low=1, high=2**62)
+    return [
+        _Track(element, name, _KINDS.get(kind.text, CAR), length, width, _placed(states, *where), True, why_not)
+        for length, width, *where in boxes or [(0.0,) * 5]
+    ]
+
+
+def _box(part: Element) -> tuple[float, ...]:
+    """Give length and width of a part of a shape, how far ahead and to the left of its place it is, and its turn."""
+    center, turn = part.child("center"), part.child("orientation")
+    x, y = (0.0, 0.0) if center is None else _point(center)
+    if part.tag == "polygon":
+        points = np.array([_point(point) for point in (part.need("point"), *part.all("point"))])
+        (length, width), (x, y) = np.ptp(points, axis=0), 0.5 * (points.min(axis=0) + points.max(axis=0))
+    elif part.tag == "circle":
+        length = width = 2.0 * part.need("radius").number(None, low=0.0)
+    else:
+        length, width = (part.need(name).number(None) for name in _SIZES)
+    return length, width, x, y, 0.0 if turn is None else _angle(turn)
+
+
+def _placed(states: NDArray[np.float64], ahead: float, left: float, turn: float) -> NDArray[np.float64]:
+    """Move states (S, 6) to the middle of a box."""
+    cos, sin, zero = np.cos(states[:, 3]), np.sin(states[:, 3]), np.zeros(len(states))
+    off = zero, ahead * cos - left * sin, ahead * sin + left * cos, zero + turn, zero, zero
+    return np.asarray(states + np.stack(off, axis=1))
 
 
 def _read_state(state: Element, most_steps: int) -> list[float]:
@@ -484,52 +500,40 @@ def _make_case(
 ) -> MovingCase:
     """Resample the AV, and all vehicles on its road between its first and last frame, to tenths of seconds."""
     first = float(av.states[0, 0])
-    last = float(av.states[-1, 0]) if av.recorded else max([first, *(float(o.states[-1, 0]) for o in others)])
+    moving = [other for other in others if not (other.why_not or other.stands)]
+    last = float(av.states[-1, 0]) if av.recorded else max([first, *(float(o.states[-1, 0]) for o in moving)])
     frames = math.floor((last - first) * step_s / FRAME_S + 1e-6) + 1
     if abs(step_s - FRAME_S) > 1e-9:
         notes.say(root, f"Time steps are {step_s:g} s; what is between them is interpolated in a straight line.")
-    motions = [_motion(track, road, first, frames, step_s, notes) for track in others]
+    own = _motion(av, road, first, frames, step_s, notes)
     there = []
-    for track, motion in zip(others, motions, strict=True):
-        why_not = _not_there(motion, road)
+    for track in others:
+        motion = _motion(track, road, first, frames, step_s, _Notes() if track.why_not else notes)
+        why_not = track.why_not or _not_there(motion, road)
         if why_not:
-            notes.say(track.element, f"{_named(track.element)} is left out: {why_not}.")
+            _leave_out(replace(track, why_not=why_not), motion, av, own, road, notes)
         else:
             there.append((track, motion))
-    if av.recorded and any(o.states[0, 0] < first or o.states[-1, 0] > last for o, _ in there):
+    if av.recorded and any(o.states[0, 0] < first or o.states[-1, 0] > last for o, _ in there if not o.stands):
         notes.say(av.element, f"Only steps {first:g} to {last:g} are read, in which the AV, {_named(av.element)}, is.")
-    own = _motion(av, road, first, frames, step_s, notes)
     if av.recorded and jumps(own).any():
         av.element.fault(f"the AV, {_named(av.element)}, cannot drive as recorded: {_ASTRAY}")
     everybody = [(av, own), *there]
     poses = np.stack([motion for _, motion in everybody], axis=1)
     if abs(poses[0, 0, X]) > _FAR_OFF:
         poses[:, :, X] -= poses[0, 0, X]
-    fastest = float(np.nanmax(poses[:, :, SPEED]))
     if road.lanes == 1:
         notes.say(root, f"{ONE_LANE[0].upper()}{ONE_LANE[1:]}.")
-    seconds = FRAME_S * (frames - 1)
     odd = straight_road(
-        lanes=road.lanes,
-        lane_width=road.width,
-        vehicles=len(everybody),
-        seconds=seconds,
-        fastest=fastest,
-        av_size=(av.length, av.width),
-        start=float(poses[0, 0, X]),
-    )
+        lanes=road.lanes, lane_width=road.width, vehicles=len(everybody), seconds=FRAME_S * (frames - 1),
+        fastest=float(np.nanmax(poses[:, :, SPEED])), av_size=(av.length, av.width), start=float(poses[0, 0, X]),
+    )  # fmt: skip
     _head_for_lanes(poses, odd)
     return MovingCase(
-        name=_name_of(root),
-        odd=odd,
-        kind=np.array([track.kind for track, _ in everybody], dtype=np.int8),
-        length=np.array([track.length for track, _ in everybody]),
-        width=np.array([track.width for track, _ in everybody]),
-        poses=poses,
-        facts=_facts(root, av),
-        notes=notes.all(),
-        called=tuple(f"obstacle {track.name}" for track, _ in everybody),
-    )
+        _name_of(root), odd, np.array([track.kind for track, _ in everybody], np.int8),
+        np.array([track.length for track, _ in everybody]), np.array([track.width for track, _ in everybody]), poses,
+        _facts(root, av), notes.all(), tuple(f"obstacle {track.name}" for track, _ in everybody),
+    )  # fmt: skip
 
 
 def _motion(track: _Track, road: _Road, first: float, frames: int, step_s: float, notes: _Notes) -> NDArray[np.float64]:
@@ -541,7 +545,9 @@ def _motion(track: _Track, road: _Road, first: float, frames: int, step_s: float
     given = np.stack([placed.along, placed.across - road.right, speed, np.unwrap(heading), track.states[:, 5]])
     at = first + np.arange(frames) * FRAME_S / step_s
     poses = np.full((frames, POSE_NUMBERS), np.nan)
-    inside = (at >= steps[0] - 1e-6) & (at <= steps[-1] + 1e-6)
+    if not steps.size:
+        return poses
+    inside = track.stands | ((at >= steps[0] - 1e-6) & (at <= steps[-1] + 1e-6))
     for gap in np.flatnonzero(np.diff(steps) > 1.0):
         notes.say(track.element, f"{_named(track.element)} has no state between steps {steps[gap]:g} and "
                   f"{steps[gap + 1]:g}; it is absent there.")  # fmt: skip
@@ -573,10 +579,35 @@ def _not_there(motion: NDArray[np.float64], road: _Road) -> str:
     there = np.isfinite(motion[:, X])
     if not there.any():
         return "it is not there while the AV is"
-    if abs(float(np.median(motion[there, HEADING]))) > 0.5 * math.pi:
-        return "it drives the other way"
+    if math.cos(float(np.median(motion[there, HEADING]))) <= _ACROSS:
+        return "it is across the road, or drives the other way"
     on = (motion[there, Y] > 0.0) & (motion[there, Y] < road.lanes * road.width)
     return (_ASTRAY if jumps(motion).any() else "") if on.any() else "it is never on the AV's road"
+
+
+def _leave_out(
+    track: _Track, motion: NDArray[np.float64], av: _Track, own: NDArray[np.float64], road: _Road, notes: _Notes
+) -> None:
+    """Name what is left out, and how near it comes to the AV; of an unknown AV, to one that keeps its speed.
+
+    Raises:
+        DataError: It is in the AV's way.
+    """
+    said = track.why_not
+    if not av.recorded:
+        own = np.repeat(own[:1], len(own), axis=0)
+        own[:, X] += own[0, SPEED] * FRAME_S * np.arange(len(own))
+    size = track.length, track.width
+    gap = gaps(own, (av.length, av.width), motion, size)
+    if np.isfinite(gap).any():
+        at, near = nearest(gap, in_lanes(motion, size, road.lanes * road.width), stands=track.stands)
+        said += f"; {within(gap, at)}"
+        if near:
+            said = f"{_named(track.element)} cannot be carried over and is in the AV's way: {said}"
+            track.element.fault(f"{said}. Cut the scenario, or take another AV")
+    elif not track.states.size:
+        said += "; how near it comes is not known"
+    notes.say(track.element, f"{_named(track.element)} is left out: {said}.")
 
 
 def _head_for_lanes(poses: NDArray[np.float64], odd: Odd) -> None:

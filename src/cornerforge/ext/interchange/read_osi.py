@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.errors import DataError, InputError, UnknownNameError
 from cornerforge.ext.interchange.differences import jumps, rates
+from cornerforge.ext.interchange.left_out import gaps, in_lanes, nearest, within
 from cornerforge.ext.interchange.osi_lanes import frame_of_traffic
 from cornerforge.ext.interchange.osi_messages import VEHICLE
 from cornerforge.ext.interchange.osi_trace import (
@@ -57,15 +58,13 @@ _SAME_TIME = 1e-6
 _LONGEST_GAP = 0.5
 """More time between two frames of a trace is a hole [s]."""
 _LONGEST_S = 600.0
-_BESIDE, _AHEAD, _SUDDEN = 5.0, 50.0, 20.0
-"""An object that cannot be held is near the AV within 5 m, or in its lanes within 50 m; one that comes or goes, within
-20 m [m]."""
+_SUDDEN = 20.0
+"""An object that comes or goes is near the AV within 20 m [m]."""
 _CROSSING = 0.5
 """Cosine of the angle between a vehicle and the road from which on it crosses the road."""
 _BACKWARDS = -0.1
 _ASIDE = 0.1
 """A vehicle that moves aside slower than this keeps its lane [m/s]."""
-_CORNERS = ((1.0, 1.0, -1.0, -1.0), (1.0, -1.0, 1.0, -1.0))
 
 
 def read_osi(path: Path, *, ego: str | None = None, road: Path | None = None) -> MovingCase:
@@ -278,7 +277,7 @@ class _Scene:
         if not there.any():
             self.notes.append(f"{_called(body)} is left out: it is not there when the AV is")
             return False
-        gap = _gaps(self.poses[:, self.av], self.trace.bodies[self.av], pose, body)
+        gap = self._gaps(pose, body)
         fit, why = there.copy(), np.full(there.size, "", dtype=object)
         for what, mask in self._unfit(k, body):
             new = mask & fit
@@ -308,13 +307,12 @@ class _Scene:
             pose = np.zeros((len(self.poses), POSE_NUMBERS))
             pose[:, X], pose[:, Y] = self.frame.of_world(x, y)
             pose[:, HEADING] = yaw - self.frame.direction
-            gap = _gaps(self.poses[:, self.av], self.trace.bodies[self.av], pose, body)
+            gap = self._gaps(pose, body)
             count, least = count + 1, min(least, float(gap.min()))
             apart = abs(z - self.states[:, self.av, POSITION_Z])
             level = apart < 0.5 * (body.size[HEIGHT] + self.trace.bodies[self.av].size[HEIGHT])
-            near = self._in_lanes(pose, body) & level & (gap < _AHEAD)
-            if near.any():
-                at = int(np.argmin(np.where(near, gap, np.inf)))
+            at, near = nearest(np.where(level, gap, np.inf), self._in_lanes(pose, body), stands=True)
+            if near:
                 self._refuse(at, f"{_called(body)} stands in the lanes, {gap[at]:.1f} m from the AV")
         if count:
             said = "1 stationary object is" if count == 1 else f"{count:,} stationary objects are"
@@ -329,22 +327,17 @@ class _Scene:
 
     def _leave_out(self, body: Body, pose: Floats, gap: Floats, why: NDArray[np.object_], fit: Bools) -> None:
         """Name an object that is left out where `gap` is finite, or refuse it."""
-        at = int(np.argmin(gap))
-        near = (gap < _BESIDE) | ((gap < _AHEAD) & self._in_lanes(pose, body))
-        if near.any():
-            at = int(np.argmin(np.where(near, gap, np.inf)))
+        at, near = nearest(gap, self._in_lanes(pose, body))
+        if near:
             self._refuse(at, f"{_called(body)} {why[at]}, {gap[at]:.1f} m from the AV")
         part = f" for {FRAME_S * np.isfinite(gap).sum():.1f} s" if fit.any() else ""
-        self.notes.append(
-            f"{_called(body)} is left out{part}: it {why[at]}; it comes within {gap[at]:.1f} m of the "
-            f"AV (after {FRAME_S * at:.1f} s)"
-        )
+        self.notes.append(f"{_called(body)} is left out{part}: it {why[at]}; {within(gap, at)}")
+
+    def _gaps(self, pose: Floats, body: Body) -> Floats:
+        return gaps(self.poses[:, self.av], self.trace.bodies[self.av].size, pose, body.size)
 
     def _in_lanes(self, pose: Floats, body: Body) -> Bools:
-        """Frames in which its box lies over the lanes of the case, bool (F,)."""
-        cos, sin = np.abs(np.cos(pose[:, HEADING])), np.abs(np.sin(pose[:, HEADING]))
-        half = 0.5 * (body.size[0] * sin + body.size[1] * cos)
-        return np.asarray((pose[:, Y] + half > 0.0) & (pose[:, Y] - half < self.frame.lanes * self.frame.lane_width))
+        return in_lanes(pose, body.size, self.frame.lanes * self.frame.lane_width)
 
     def _unfit(self, k: int, body: Body) -> Iterator[tuple[str, Bools]]:
         """Say what a straight road cannot hold of an object, and in which frames."""
@@ -363,23 +356,3 @@ class _Scene:
         yield "drives backwards", pose[:, SPEED] < _BACKWARDS
         yield "moves otherwise than its velocity says", jumps(pose, 1.0)
         yield "is beside the lanes", there & ~self._in_lanes(pose, body)
-
-
-def _gaps(own: Floats, body: Body, pose: Floats, other: Body) -> Floats:
-    """Distance of two boxes in each frame [m], (F,), 0 where they touch; inf where one is absent."""
-    least, apart = np.full(len(own), np.inf), np.zeros(len(own), dtype=bool)
-    for a, a_body, b, b_body in ((own, body, pose, other), (pose, other, own, body)):
-        turn = (b[:, HEADING] - a[:, HEADING])[:, None]
-        cos, sin = np.cos(a[:, HEADING]), np.sin(a[:, HEADING])
-        dx, dy = b[:, X] - a[:, X], b[:, Y] - a[:, Y]
-        front, left = (0.5 * size * np.array(signs) for size, signs in zip(b_body.size, _CORNERS, strict=False))
-        ahead = (dx * cos + dy * sin)[:, None] + front * np.cos(turn) - left * np.sin(turn)
-        aside = (dy * cos - dx * sin)[:, None] + front * np.sin(turn) + left * np.cos(turn)
-        beyond = [
-            np.maximum(np.abs(at) - 0.5 * size, 0.0) for at, size in zip((ahead, aside), a_body.size, strict=False)
-        ]
-        least = np.fmin(least, np.hypot(*beyond).min(axis=1))
-        for at, size in zip((ahead, aside), a_body.size, strict=False):
-            apart |= (at.min(axis=1) > 0.5 * size) | (at.max(axis=1) < -0.5 * size)
-    least[~apart & np.isfinite(own[:, X]) & np.isfinite(pose[:, X])] = 0.0
-    return least

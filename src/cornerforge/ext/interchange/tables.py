@@ -27,6 +27,7 @@ from cornerforge._schema import parse
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.errors import DataError, FileFormatError, InputError
 from cornerforge.ext.interchange.differences import jumps, rates
+from cornerforge.ext.interchange.left_out import gaps, in_lanes, nearest, within
 from cornerforge.fields import Field
 from cornerforge.library.out_case import ONE_LANE, Fact, MovingCase, OutCase, safe_name, straight_road
 from cornerforge.types import CLASSES, FRAME_S, MAX_LANES, Scenario
@@ -288,6 +289,15 @@ def _case_of(name: str, columns: dict[str, NDArray[Any]], about: dict[str, Any])
             raise DataError(f"{name}: slot {slots[at]} is not where its speed takes it.")
     there = np.isfinite(poses[:, :, X]).any(axis=0)
     notes = [f"slot {gone} is left out: it is not there while the AV is." for gone in slots[~there]]
+    for at in np.flatnonzero(there & (kind < 0)).tolist():
+        gap = gaps(poses[:, 0], (length[0], width[0]), poses[:, at], (length[at], width[at]))
+        over = in_lanes(poses[:, at], (length[at], width[at]), lanes * lane_width)
+        when, near = nearest(gap, over)
+        called = f'slot {slots[at]}, of class "{columns["class"][vehicle == at][0][:20]}",'
+        if near:
+            raise DataError(f"{name}: {called} cannot be held and is in the AV's way; {within(gap, when)}.")
+        notes.append(f"{called} is left out: it is none that can be driven; {within(gap, when)}.")
+    there &= kind >= 0
     notes += [ONE_LANE] * (lanes == 1)
     stem = safe_name(str(about.get("name") or Path(name).stem))
     facts: dict[str, Fact] = {
@@ -342,12 +352,13 @@ def _road_of(name: str, about: dict[str, Any]) -> tuple[int, float]:
 def _bodies(
     name: str, columns: dict[str, NDArray[Any]], vehicle: NDArray[np.int64]
 ) -> tuple[NDArray[np.int8], NDArray[np.float64], NDArray[np.float64]]:
-    """Find class, length and width of each vehicle, which must not change."""
+    """Find class, length and width of each vehicle, which must not change; class -1: none of ours."""
     codes = {user.name: code for code, user in enumerate(CLASSES)}
-    unknown = set(columns["class"].tolist()) - set(codes)
+    of_av = columns["class"][columns["slot"] == 0]
+    unknown = set(of_av.tolist()) - set(codes)
     if unknown:
-        raise DataError(f'{name}: class "{min(unknown)[:20]}" is none of {", ".join(codes)}.')
-    kinds = np.array([codes[kind] for kind in columns["class"].tolist()], dtype=np.int8)
+        raise DataError(f'{name}: class "{min(unknown)[:20]}" of slot 0, the AV, is none of {", ".join(codes)}.')
+    kinds = np.array([codes.get(kind, -1) for kind in columns["class"].tolist()], dtype=np.int8)
     _, first = np.unique(vehicle, return_index=True)
     given = kinds, columns["length_m"], columns["width_m"]
     for what, values in zip(("class", "length_m", "width_m"), given, strict=True):
