@@ -245,6 +245,12 @@ def cut_ins(rng: np.random.Generator) -> tuple[FreeRunning, dict[str, np.ndarray
         for row, (grid, all_values) in enumerate(zip(statistics.CUT_INS, counted_values, strict=True)):
             place = np.floor((all_values[part] - grid.low) / grid.width).clip(0, grid.bins - 1)
             block.cut_ins[2, row] = np.bincount(place.astype(int), minlength=2000)
+        placed = [
+            np.floor(all_values[part] / grid.width).clip(0, grid.bins - 1).astype(int)
+            for grid, all_values in zip(statistics.CUT_IN_PAIRS, counted_values, strict=False)
+        ]
+        for row in range(2):
+            np.add.at(block.pairs[2, row], (placed[row], placed[2]), 1)
         block.cut_ins[1, :, 100] = 400
         blocks.append(block)
     return FreeRunning(WHOLE, 1, tuple(blocks)), values
@@ -266,6 +272,14 @@ def test_cut_ins_are_compared_as_numpy_would(seed: int) -> None:
         ("TTC below 5 s", "ttc", 5.0), ("TTC below 10 s", "ttc", 10.0),
     ):  # fmt: skip
         assert rows[f"share with {name}"].found == pytest.approx((values[key] < below).mean(), abs=2e-5)
+    fast = values["closing_speed"] > 3.0
+    assert rows["share with closing speed above 3 m/s"].found == pytest.approx(fast.mean(), abs=2e-5)
+    for name, key, below in (("gap below 10 m", "gap", 10.0), ("time gap below 0.5 s", "time_gap", 0.5)):
+        both = (values[key] < below) & (values["ttc"] < 10.0)
+        assert rows[f"share with {name} and TTC below 10 s"].found == pytest.approx(both.mean(), abs=2e-5)
+    apart = [np.floor(v / w).clip(0, 59) * w + w / 2 for v, w in ((values["gap"], 1.25), (1.0 / values["ttc"], 0.0125))]
+    correlated = np.corrcoef(1.0 / apart[0], apart[1])[0, 1]
+    assert rows["correlation of 1/gap and 1/TTC"].found == pytest.approx(correlated, abs=1e-3)
     rate = rows["closing cut-ins at 5-35 m/s"]
     assert rate.found == pytest.approx(5_400 / 60_000)
     assert rate.within is True
@@ -273,7 +287,7 @@ def test_cut_ins_are_compared_as_numpy_would(seed: int) -> None:
 
 def test_without_cut_ins_no_check_of_them_is_met() -> None:
     rows = compare_with_facts(counted(), CUT_IN_FACTS)
-    assert [row.found for row in rows[:-1]] == [None] * 26
+    assert [row.found for row in rows[:-1]] == [None] * 30
     assert not any(row.within for row in rows)
 
 

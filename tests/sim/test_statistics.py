@@ -20,7 +20,7 @@ from cornerforge.sim.statistics import EVERYBODY, Census, Counts, allocate_count
 from cornerforge.sim.world import World, n_slots
 from cornerforge.types import ACCELERATIONS, Odd, Scenario
 
-ODD = Odd(n_lanes=3)
+ODD = Odd(n_lanes=3, lane_width=4.0)
 ROAD = road_numbers(ODD)
 GO_ON = 22
 """Index of acceleration 0."""
@@ -160,11 +160,14 @@ FAR_AV = Car(2000.0, 0, 30.0)
 def test_a_cut_in_by_hand() -> None:
     """At the crossing: 114 m against 85.125 m, so 23.875 m between bumpers, closing by 30.5 - 28 m/s."""
     cars = [FAR_AV, Car(100.0, 1, 28.0), Car(70.0, 2, 30.0), Car(60.0, 2, 33.0), Car(80.0, 1, 33.0)]
-    found = cut_in(world_of(cars)).cut_ins
+    counts = cut_in(world_of(cars))
+    found, pairs = counts.cut_ins, counts.pairs
     assert found.sum() == found[2].sum() == 4  # at 25 to 35 m/s
     values = (23.875, 23.875 / 30.5, 2.5 / 23.875, 2.5)
     for grid, row, value in zip(statistics.CUT_INS, found[2], values, strict=True):
         assert only_bin(row) == pytest.approx((value - grid.low) / grid.width - 0.5, abs=0.51), grid.name
+    placed = [math.floor(value / grid.width) for value, grid in zip(values, statistics.CUT_IN_PAIRS, strict=False)]
+    assert np.argwhere(pairs).tolist() == [[2, row, placed[row], placed[2]] for row in range(2)]
 
 
 @pytest.mark.parametrize(

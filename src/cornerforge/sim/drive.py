@@ -73,7 +73,10 @@ def drive_windows(
                 windows.lengths[k, i] = w.vehicles[i].length
         for window in range(until.size):
             begin = until[window - 1] if window > 0 else 0
-            row = Counts(counts.histograms[window], counts.joint[window], counts.cut_ins[window], counts.totals[window])
+            row = Counts(
+                counts.histograms[window], counts.joint[window], counts.cut_ins[window], counts.pairs[window],
+                counts.totals[window],
+            )  # fmt: skip
             kept = Keep(
                 keep.recording, keep.decisions, keep.chances, row,
                 Census(True, begin, until[window], census.low, census.high, census.drift),

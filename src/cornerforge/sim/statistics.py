@@ -33,6 +33,7 @@ __all__ = [
     "CRASHED_BVS",
     "CUT_INS",
     "CUT_IN_BANDS",
+    "CUT_IN_PAIRS",
     "EVERYBODY",
     "EXPOSURE",
     "FOLLOWING_ACCELERATION",
@@ -112,6 +113,12 @@ CUT_INS = (
 """Closing cut-ins, at the moment when the centre of a BV crosses into another lane: bumper-to-bumper gap to the nearest
 vehicle behind there (at most 75 m, 0 where they overlap lengthwise), that vehicle's time gap, 1/TTC, and its speed
 minus the BV's, which is positive. The AV counts neither as the one that changes lanes nor as the one behind."""
+CUT_IN_PAIRS = (
+    HistogramGrid("gap", "m", 0.0, 1.25, 60),
+    HistogramGrid("time_gap", "s", 0.0, 0.1, 60),
+    HistogramGrid("inverse_ttc", "1/s", 0.0, 0.0125, 60),
+)
+"""Two quantities of a closing cut-in, each together with the third."""
 CUT_IN_BANDS = (5.0, 15.0, 25.0, 35.0)
 """Edges of the bands of the speed of the vehicle that cuts in [m/s]; other speeds are not counted."""
 FARTHEST_CUT_IN = 75.0
@@ -122,7 +129,7 @@ _N_JOINT_BINS = 240
 _FOLLOWING_GAP = GAP_GRID.upper
 _ACCELERATIONS = ACCELERATIONS
 _N_CUT_IN_BINS = 2000
-_GRIDS = TRAFFIC + EXPOSURE + BESIDE + JOINT + CUT_INS
+_GRIDS = TRAFFIC + EXPOSURE + BESIDE + JOINT + CUT_INS + CUT_IN_PAIRS
 _LOW = np.array([g.low for g in _GRIDS])
 _WIDTH = np.array([g.width for g in _GRIDS])
 _BINS = np.array([g.bins for g in _GRIDS])
@@ -131,6 +138,7 @@ _BANDS = np.array(CUT_IN_BANDS)
 SPEED_DIFFERENCE_BESIDE = len(TRAFFIC) + len(EXPOSURE)
 _FIRST_JOINT = SPEED_DIFFERENCE_BESIDE + len(BESIDE)
 _FIRST_CUT_IN = _FIRST_JOINT + len(JOINT)
+_FIRST_PAIR = _FIRST_CUT_IN + len(CUT_INS)
 GAP, TIME_GAP, RANGE_RATE, FOLLOWING_ACCELERATION, FREE_ACCELERATION, INVERSE_TTC, LEAD_GAP, REAR_GAP = range(8)
 _NOT_COUNTED, _FREE, _FOLLOWING = range(3)
 
@@ -171,6 +179,7 @@ class Counts(NamedTuple):
         histograms: (10, 2400), rows in the order of TRAFFIC, EXPOSURE, BESIDE.
         joint: (8, 41, 240), rows in the order of JOINT, by speed in classes of 1 m/s.
         cut_ins: (3, 4, 2000), by CUT_IN_BANDS, rows in the order of CUT_INS.
+        pairs: (3, 2, 60, 60), by CUT_IN_BANDS, the first two of CUT_IN_PAIRS by the third.
         totals: BV states, following states, lane changes begun, BV travel [mm], AV states, BVs that crashed into each
             other; then states with TTC below each of TTC_LIMITS.
     """
@@ -178,14 +187,13 @@ class Counts(NamedTuple):
     histograms: NDArray[np.int64]
     joint: NDArray[np.int64]
     cut_ins: NDArray[np.int64]
+    pairs: NDArray[np.int64]
     totals: NDArray[np.int64]
 
     def add(self, other: Counts) -> None:
         """Add the counts of `other` to these."""
-        self.histograms[:] += other.histograms
-        self.joint[:] += other.joint
-        self.cut_ins[:] += other.cut_ins
-        self.totals[:] += other.totals
+        for own, more in zip(self, other, strict=True):
+            own += more
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle arrays of zeros as their shapes: a range that counts nothing would send a megabyte of them."""
@@ -205,6 +213,7 @@ def allocate_counts(*windows: int) -> Counts:
         (_FIRST_JOINT, _N_BINS),
         (len(JOINT), JOINT_SPEEDS, _N_JOINT_BINS),
         (len(CUT_IN_BANDS) - 1, len(CUT_INS), _N_CUT_IN_BINS),
+        (len(CUT_IN_BANDS) - 1, 2, CUT_IN_PAIRS[0].bins, CUT_IN_PAIRS[2].bins),
         (TTC_BELOW + len(TTC_LIMITS),),
     )
     return Counts._make(np.zeros((*windows, *shape), dtype=np.int64) for shape in shapes)
@@ -385,6 +394,8 @@ def _count_cut_in(w: World, i: int, road: RoadNumbers, counts: Counts) -> None:
     values = (room, room / max(rear_speed, 0.1), closing / max(room, 0.01), closing)
     for k in range(len(values)):
         counts.cut_ins[band, k, _bin_of(_FIRST_CUT_IN + k, values[k])] += 1
+    for k in range(2):
+        counts.pairs[band, k, _bin_of(_FIRST_PAIR + k, values[k]), _bin_of(_FIRST_PAIR + 2, values[2])] += 1
 
 
 @kernel

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -23,7 +22,7 @@ from cornerforge.ext.calibrate.lane_observations import LaneObservations, observ
 from cornerforge.ext.calibrate.prior import SafeLaw
 from cornerforge.ext.calibrate.readers import Reading, reading_names
 from cornerforge.ext.calibrate.resampling import distance, resampled_weights
-from cornerforge.ext.calibrate.scores import Predictor, grid_place, law_predictor, remembered_probabilities
+from cornerforge.ext.calibrate.scores import Predictor, grid_place, law_predictor, simulated
 from cornerforge.ext.calibrate.validate import (
     FEWEST_VEHICLES,
     decisions_to_score,
@@ -301,7 +300,7 @@ def _cell(
         return None
     predict: Predictor
     if low >= SLOWEST:
-        predict, by = partial(remembered_probabilities, model), "table"
+        predict, by = simulated(model), "table"
     elif law is not None and state != "free":
         predict, by = law_predictor(law), "law"
     else:

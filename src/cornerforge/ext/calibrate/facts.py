@@ -213,7 +213,10 @@ _SHARES = (
     ("time gap below 0.5 s", "time_gap", 0.5, 0.0416),
     ("TTC below 5 s", "ttc", 5.0, 0.00113),
     ("TTC below 10 s", "ttc", 10.0, 0.0172),
+    ("closing speed above 3 m/s", "closing_speed", 3.0, 0.0577),
 )
+_JOINT_SHARES = (("gap below 10 m", 0, 10.0, 0.00070), ("time gap below 0.5 s", 1, 0.5, 0.00232))
+_TTC = 10.0
 _PER_MILE = 157_757 / 2e6
 
 
@@ -236,15 +239,32 @@ def _cut_in_quantile(name: str, percent: float, published: float) -> Fact:
     return Fact(f"{words}, {percent:g} %", unit, published, _near(published, 0.15), measure, _cut_ins, SPMD, "cut-ins")
 
 
-def _cut_in_share(words: str, name: str, below: float, published: float) -> Fact:
-    """Make the fact on the share of cut-ins with less of a quantity; its limit is an edge of the bins."""
+def _cut_in_share(words: str, name: str, limit: float, published: float) -> Fact:
+    """Make the fact on the share of cut-ins on the near side of a limit, which is an edge of the bins."""
     row = _CUT_INS[name][0]
-    edge = round((1.0 / below if name == "ttc" else below) / statistics.CUT_INS[row].width)
-    less = slice(edge, None) if name == "ttc" else slice(edge)
-    measure = _ratio(
-        lambda counts: int(counts.cut_ins[_BAND, row, less].sum()), lambda counts: int(counts.cut_ins[_BAND, row].sum())
-    )
+    edge = round((1.0 / limit if name == "ttc" else limit) / statistics.CUT_INS[row].width)
+    near = slice(edge, None) if name in ("ttc", "closing_speed") else slice(edge)
+    measure = _ratio(lambda counts: int(counts.cut_ins[_BAND, row, near].sum()), _cut_ins)
     return Fact(f"share with {words}", "", published, _within(published, 1.5), measure, _cut_ins, SPMD, "cut-ins")
+
+
+def _joint_share(words: str, row: int, below: float, published: float) -> Fact:
+    """Make the fact on the share of cut-ins that are near and have a short TTC at the same time."""
+    near, fast = (statistics.CUT_IN_PAIRS[which].width for which in (row, 2))
+    edge, since = round(below / near), round(1.0 / _TTC / fast)
+    measure = _ratio(lambda counts: int(counts.pairs[_BAND, row, :edge, since:].sum()), _cut_ins)
+    name = f"share with {words} and TTC below {_TTC:g} s"
+    return Fact(name, "", published, _within(published, 1.5), measure, _cut_ins, SPMD, "cut-ins")
+
+
+def _correlation(counts: Counts) -> float | None:
+    """Correlate 1/gap with 1/TTC, both in the middle of their bins; None where one does not vary."""
+    table = counts.pairs[_BAND, 0]
+    gap, fast = (grid.width * (np.arange(grid.bins) + 0.5) for grid in statistics.CUT_IN_PAIRS[::2])
+    values, chance = (1.0 / gap, fast), table / max(int(table.sum()), 1)
+    off = [value - value @ chance.sum(axis=1 - axis) for axis, value in enumerate(values)]
+    spreads = [some**2 @ chance.sum(axis=1 - axis) for axis, some in enumerate(off)]
+    return float(off[0] @ chance @ off[1] / np.sqrt(spreads[0] * spreads[1])) if min(spreads) > 0.0 else None
 
 
 CUT_IN_FACTS = (
@@ -254,6 +274,8 @@ CUT_IN_FACTS = (
         for percent, value in zip(_PERCENTS, values, strict=True)
     ),
     *(_cut_in_share(*share) for share in _SHARES),
+    *(_joint_share(*share) for share in _JOINT_SHARES),
+    Fact("correlation of 1/gap and 1/TTC", "", 0.14, (0.05, 0.25), _correlation, _cut_ins, SPMD, "cut-ins"),
     Fact(
         "closing cut-ins at 5-35 m/s", "per vehicle-mile", round(_PER_MILE, 3), _within(_PER_MILE, 1.5),
         _ratio(_all_cut_ins, miles_of), _all_cut_ins, "the same: 157,757 in over 2 million miles", "cut-ins",

@@ -1,13 +1,14 @@
 """Predictions of decisions by laws, tables and baselines, and their scores: mean log-probability of what was observed.
 
 A predictor gives the probabilities of the 31 accelerations. All validation of the tables goes through
-`remembered_probabilities`, which must look states up as the simulator does.
+`simulated`, which must look states up as the simulator does.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from cornerforge.ext.calibrate.decisions import Decisions
 from cornerforge.ext.calibrate.laws import FollowingLaw, IdmLaw, bin_index, bin_probabilities, fit_law, log_likelihood
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID
-from cornerforge.ndd.memory import given_the_past, memory_numbers
+from cornerforge.ndd.memory import Memory, given_the_past, memory_numbers
 from cornerforge.ndd.model import RANGE_RATES, NddModel
 from cornerforge.types import ACCELERATIONS
 
@@ -27,7 +28,8 @@ __all__ = [
     "held_out_scores",
     "law_predictor",
     "raw_table_predictor",
-    "remembered_probabilities",
+    "remembering",
+    "simulated",
     "table_log_likelihood",
     "table_probabilities",
     "uniform_predictor",
@@ -86,21 +88,30 @@ def table_probabilities(model: NddModel, decisions: Decisions) -> NDArray[np.flo
     return np.asarray(np.where(is_free[:, None], model.free[speed], rows), dtype=np.float64)
 
 
-def remembered_probabilities(model: NddModel, decisions: Decisions) -> NDArray[np.float64]:
-    """The same as the simulator draws them: given a follower's own decision a second before, where it is known."""
-    p = table_probabilities(model, decisions)
-    low, high = np.full((2, decisions.size), np.nan)
-    known = np.isfinite(decisions.before[:, 3]) & np.isfinite(decisions.gap)
-    speed, gap, range_rate, acceleration = decisions.before[known].T
-    nobody = np.zeros(speed.size, dtype=np.int64)
-    past = Decisions(speed, gap, range_rate, acceleration, nobody, nobody.astype(np.bool_))
-    cumulative = np.minimum(np.cumsum(table_probabilities(model, past), axis=-1), 1.0)
-    chosen = bin_index(acceleration)
-    rows = np.arange(speed.size)
-    high[known] = cumulative[rows, chosen]
-    low[known] = np.where(chosen > 0, cumulative[rows, chosen - 1], 0.0)
-    given_the_past(p, low, high, memory_numbers(model.memory))
-    return p
+def remembering(predict: Predictor, memory: Memory) -> Predictor:
+    """Return the predictor with a memory: given a follower's own decision a second before, where it is known."""
+
+    def remembered(decisions: Decisions) -> Floats:
+        p = np.array(predict(decisions))
+        low, high = np.full((2, decisions.size), np.nan)
+        known = np.isfinite(decisions.before[:, 3]) & np.isfinite(decisions.gap)
+        speed, gap, range_rate, acceleration = decisions.before[known].T
+        nobody = np.zeros(speed.size, dtype=np.int64)
+        past = Decisions(speed, gap, range_rate, acceleration, nobody, nobody.astype(np.bool_))
+        cumulative = np.minimum(np.cumsum(predict(past), axis=-1), 1.0)
+        chosen = bin_index(acceleration)
+        rows = np.arange(speed.size)
+        high[known] = cumulative[rows, chosen]
+        low[known] = np.where(chosen > 0, cumulative[rows, chosen - 1], 0.0)
+        given_the_past(p, low, high, memory_numbers(memory))
+        return p
+
+    return remembered
+
+
+def simulated(model: NddModel) -> Predictor:
+    """Return the predictor of a model's tables as the simulator draws from them."""
+    return remembering(partial(table_probabilities, model), model.memory)
 
 
 def table_log_likelihood(model: NddModel, decisions: Decisions) -> tuple[float, int]:

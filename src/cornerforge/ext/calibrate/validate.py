@@ -3,9 +3,10 @@
 Two parts are scored: the `law` in the model's provenance, on every following decision (also below 20 m/s, where the
 tables end), and the `table` that the simulator uses, on the grid, given the driver's own decision a second before.
 `table_without_past` shows what that brings, `law_on_grid` how much the look-ups cost. Each part is compared with
-stochastic IDMs, with a table of raw counts and with uniform guessing, on the same decisions. The IDMs get the true
-state. The model file holds them, fitted to the model's own training data; for a file without them, they are fitted to
-the decisions of the scored files that are not scored.
+stochastic IDMs, with a table of raw counts and with uniform guessing, on the same decisions; a table that remembers is
+compared with IDMs and raw counts of the same memory. The IDMs get the true state. The model file holds them, fitted to
+the model's own training data; for a file without them, they are fitted to the decisions of the scored files that are
+not scored.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ from cornerforge.ext.calibrate.scores import (
     grid_place,
     law_predictor,
     raw_table_predictor,
-    remembered_probabilities,
+    remembering,
+    simulated,
     table_probabilities,
     uniform_predictor,
 )
@@ -206,10 +208,11 @@ def _score_file(
     if law is not None and np.unique(decisions.vehicle).size >= FEWEST_VEHICLES:
         parts["law"] = _score(law_predictor(law), decisions, baselines)
     if np.unique(decisions.vehicle[on_grid]).size >= FEWEST_VEHICLES:
-        parts["table"] = _score(partial(remembered_probabilities, model), decisions.where(on_grid), baselines)
-        parts["table_without_past"] = _score(partial(table_probabilities, model), decisions.where(on_grid), baselines)
+        there = decisions.where(on_grid)
+        parts["table"] = _score(simulated(model), there, _remembering(baselines, model))
+        parts["table_without_past"] = _score(partial(table_probabilities, model), there, baselines)
         if law is not None:
-            parts["law_on_grid"] = _score(law_predictor(law), decisions.where(on_grid), baselines)
+            parts["law_on_grid"] = _score(law_predictor(law), there, baselines)
     if not parts:
         where = "" if law is not None else " at 19.5 m/s and above"
         raise DataError(
@@ -217,6 +220,14 @@ def _score_file(
             "name a longer recording."
         )
     return parts
+
+
+def _remembering(baselines: Mapping[str, Predictor], model: NddModel) -> dict[str, Predictor]:
+    """Give all baselines but uniform guessing the model's memory."""
+    return {
+        name: baseline if baseline is uniform_predictor else remembering(baseline, model.memory)
+        for name, baseline in baselines.items()
+    }
 
 
 def _score(

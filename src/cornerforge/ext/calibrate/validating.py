@@ -64,7 +64,7 @@ THEMES = {
     "cut-ins": (
         "Cut-ins",
         "At the moment when a vehicle at 25-35 m/s crosses the marking ahead of a faster one, at most 75 m behind: how "
-        "near and how fast? That decides which crashes the traffic can make.",
+        "near and how fast, and both at once? That decides which crashes the traffic can make.",
     ),
     "persistence": (
         "Memory of drivers",
@@ -73,7 +73,7 @@ THEMES = {
     ),
     "transitions": (
         "Lane changes that people made",
-        "A lane change that was recorded must be possible for an attentive driver of the model two seconds before the "
+        "A lane change that was recorded must be no rarity for an attentive driver of the model two seconds before the "
         "crossing.",
     ),
 }
