@@ -16,13 +16,13 @@ from statistical_bounds import rate_fits
 from cornerforge.errors import InputError
 from cornerforge.rates import model_uncertainty
 from cornerforge.rates.model_uncertainty import (
-    CRASHES_OF_PEOPLE,
     ModelSpread,
     effective_counts,
     interval_with_model,
     model_spread,
     traffic_weights,
 )
+from cornerforge.rates.people import ALL_ROADS, FREEWAY_INJURIES, MOTORWAY
 from cornerforge.rates.weighted import weighted_rate
 
 pytestmark = pytest.mark.full
@@ -176,11 +176,11 @@ def test_traffic_like_peoples_weighs_most() -> None:
     """With many miles a model's rate is known, and the weight is that of a log-normal known to a factor of 3."""
     miles = 1e10
     factors = np.array([0.1, 0.5, 1.0, 2.0, 10.0])
-    weights = traffic_weights(factors * CRASHES_OF_PEOPLE * miles, miles)
+    weights = traffic_weights(factors * MOTORWAY.low * miles, miles)
     np.testing.assert_allclose(weights, np.exp(-0.5 * (np.log(factors) / math.log(3.0)) ** 2), atol=0.01)
     few = traffic_weights(np.arange(60.0), 1.3e6)
-    assert np.argmax(few) in (2, 3)
-    assert (np.diff(few[3:]) < 0.0).all()
+    assert np.argmax(few) == 1, "1.04 crashes of motorways in so many miles"
+    assert (np.diff(few[1:]) < 0.0).all()
     assert few[0] > 0.05, "no crash in so few miles excludes little"
     for wrong in (np.array([-1.0]), np.array([math.nan]), np.ones((2, 2))):
         with pytest.raises(InputError, match="bv_crashes"):
@@ -211,3 +211,13 @@ def test_what_is_wrong_is_said() -> None:
         effective_counts(ones, 0.0 * ones)
     with pytest.raises(InputError, match="does not hold the rate"):
         interval_with_model(2.0, (2.5, 3.0), ModelSpread(9, 0.0, (0.0, 0.0), 0.0, 1.0))
+
+
+def test_peoples_rates_are_told_with_their_units() -> None:
+    """Crashes are compared with crashes: of motorways fewer than of all roads; ranges are per vehicle-mile."""
+    assert (ALL_ROADS.unit, MOTORWAY.unit, FREEWAY_INJURIES.unit) == ("crashes", "crashes", "crashed vehicles")
+    assert ALL_ROADS.low == pytest.approx(1.889e-6, rel=1e-3)
+    assert 0.2 < MOTORWAY.high / ALL_ROADS.low < 1.0
+    for one in (ALL_ROADS, MOTORWAY, FREEWAY_INJURIES):
+        assert 1e-7 < one.low <= one.high < 1e-5
+        assert one.source

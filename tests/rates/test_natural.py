@@ -156,7 +156,12 @@ def test_the_command_line_tells_how_often(
     assert told["natural"]["all"]["share"] == pytest.approx(1.0)
     assert main(["analyse", str(counted[0]), "--avoidability", "20"]) == 0
     text = capsys.readouterr().out
-    for words in ("In natural traffic a crash once in ", "effective cases", "%  mechanism ", "typical of what happens"):
+    for words in (
+        "In natural traffic a touch once in ",
+        "effective cases",
+        "%  mechanism ",
+        "typical of what happens",
+    ):
         assert words in text
     assert main(["analyse", str(counted[0]), "--avoidability", "20", "--for", "attack"]) == 0
     assert "typical of what happens" not in capsys.readouterr().out

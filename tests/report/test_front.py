@@ -28,7 +28,7 @@ from cornerforge.report.front import Front, front_of
 from cornerforge.report.kinds import kind_in_words
 from cornerforge.report.page import _known
 from cornerforge.report.road import road_rate
-from cornerforge.report.text import miles, share
+from cornerforge.report.text import miles, rate, share
 from cornerforge.results import NaturalRate, Simulated, as_json
 
 
@@ -178,19 +178,29 @@ def test_no_crash_in_so_many_miles(run_folder: Path) -> None:
 def test_one_rate_everywhere(natural_run_folder: Path) -> None:
     text = told(Page(write_report(natural_run_folder)))
     # 1 / 1.2e-6 miles, 1 / 2e-6, 1 / 4e-7
-    assert "Once in 830 thousand miles in natural traffic" in text
+    assert "Once in 830 thousand miles it touches another vehicle in natural traffic" in text
     assert (
-        "In natural traffic this AV crashes once in 830 thousand miles (95 %: 500 thousand miles to 2.5 million" in text
+        "In natural traffic this AV touches another vehicle once in 830 thousand miles "
+        "(95 %: 500 thousand miles to 2.5 million" in text
     )
     assert "all crashes30100 %830 thousand miles500 thousand miles to 2.5 million miles" in text
     assert text.count("n = 150 000 drives that branch where danger rises, which tell as much as 30 crashes") == 2
     assert text.count("it rests on 30 effective trees, fewer than 300") == 1
     assert "Not to be trusted yet: why" in text
-    kinds = _known(read_artefacts(natural_run_folder)).kinds
+    known = _known(read_artefacts(natural_run_folder))
+    kinds = known.kinds
     assert kinds is not None
     for kind in kinds.mechanisms.values():
         assert kind.miles_between == pytest.approx(kinds.all.miles_between / kind.share, rel=1e-9)
         assert miles(kind.miles_between) in text
+    judged = pq.read_table(natural_run_folder / "natural" / "analysis" / "cases.parquet")
+    chance = np.asarray(judged["av_injury_probability"], np.float64)
+    assert known.cases is not None
+    weight = dict(zip(known.cases.case_id, known.cases.weight, strict=True))
+    weights = np.array([weight[name] for name in judged["case_id"].to_pylist()])
+    serious = 1.2 * float((weights * chance).sum() / weights.sum())
+    assert kinds.serious_injuries.miles_between == pytest.approx(1e6 / serious, rel=1e-9)
+    assert f"by delta-v): {' '.join(rate(serious, 2).split())} per million miles (95 %: " in text
 
 
 @pytest.mark.parametrize(

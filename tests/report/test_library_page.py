@@ -62,7 +62,9 @@ def test_the_page_of_natural_crashes_of_an_av_from_outside(tmp_path: Path, monke
     assert main(["report", "rate", "--out", "page", "--avoidability", "20"]) == 0
     page = Page(tmp_path / "page" / "report.html")
     assert "careless:MyAv" in page.text
-    assert f"In natural traffic this AV crashes once in {miles(1.0 / rate.crashes_per_mile)}" in page.text
+    assert (
+        f"In natural traffic this AV touches another vehicle once in {miles(1.0 / rate.crashes_per_mile)}" in page.text
+    )
     for absent in ("adversary makes the AV crash", "that the adversary caused", "Near misses"):
         assert absent not in page.text
     assert len(page.data("cases")) > 5

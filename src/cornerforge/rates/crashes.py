@@ -70,12 +70,7 @@ class NaturalCrashes:
         setting = self._run.setting
         assert scenario.crash is not None  # mechanism_of has looked
         chances = action_chances(
-            setting,
-            self._run.slots,
-            seed=self._seed,
-            test=test,
-            slot=scenario.crash.slot_b,
-            step=self._run.stepper(),
+            setting, self._run.slots, seed=self._seed, test=test, slot=scenario.crash.slot_b, step=self._run.stepper()
         )
         eyes = oversight(chances, scenario.crash.time, setting.tables.overlook, setting.tables.overlook_conflict)
         return scenario, CrashStudy(

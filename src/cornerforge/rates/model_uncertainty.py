@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_number
 from cornerforge.errors import InputError
+from cornerforge.rates.people import MOTORWAY
 
 __all__ = [
-    "CRASHES_OF_PEOPLE",
     "FEWEST_DRAWS",
     "ModelSpread",
     "effective_counts",
@@ -34,11 +34,9 @@ Floats = NDArray[np.float64]
 
 FEWEST_DRAWS = 5
 """Fewest drawn models from which their spread is estimated."""
-CRASHES_OF_PEOPLE = 1.9e-6
-"""Police-reported crashes per vehicle-mile (NHTSA 2023; docs/adr/0027-human-errors.md)."""
 _KNOWN_TO = math.log(3.0)
 """Standard deviation of the logarithm to which this holds for a model's tests, a judgement: not all crashes are
-reported, the figure is of all roads, and in tests of 400 m BVs crash less often than in traffic of a minute."""
+reported, and in tests of 400 m BVs crash less often than in traffic of a minute."""
 _QUANTILES = (np.arange(200) + 0.5) / 200.0
 _Z95 = 1.959963984540054
 _CHI2_95, _CHI2_90 = 3.841458820694124, 2.705543454095404
@@ -115,7 +113,7 @@ def effective_counts(rates: Floats, errors: Floats) -> tuple[Floats, Floats]:
 def traffic_weights(bv_crashes: Floats, bv_miles: float) -> Floats:
     """Weigh drawn models by how well their traffic crashes as often as people do, between 0 and 1.
 
-    Crashes of people are known to a factor of 3: a log-normal likelihood about `CRASHES_OF_PEOPLE`. What a model's rate
+    Crashes of people are known to a factor of 3: a log-normal likelihood about that of `MOTORWAY`. What a model's rate
     is, after n crashes in its miles, is Gamma(n + 1/2, miles), so the weight is a mean over that.
 
     Args:
@@ -126,7 +124,7 @@ def traffic_weights(bv_crashes: Floats, bv_miles: float) -> Floats:
         InputError: A number is not what it must be.
 
     >>> traffic_weights(np.array([0.0, 2.0, 40.0]), 1.3e6).round(2)
-    array([0.27, 0.84, 0.04])
+    array([0.44, 0.73, 0.  ])
     """
     from scipy.special import gammaincinv  # here, because it takes long to load
 
@@ -134,7 +132,7 @@ def traffic_weights(bv_crashes: Floats, bv_miles: float) -> Floats:
     if bv_crashes.ndim != 1 or not np.isfinite(bv_crashes).all() or (bv_crashes < 0.0).any():
         raise InputError("bv_crashes must be of shape (M,), finite and 0 or more.")
     rates = gammaincinv(bv_crashes[:, None] + 0.5, _QUANTILES) / bv_miles
-    off = np.log(np.maximum(rates, 1e-300) / CRASHES_OF_PEOPLE) / _KNOWN_TO
+    off = np.log(np.maximum(rates, 1e-300) / MOTORWAY.low) / _KNOWN_TO
     return np.asarray(np.exp(-0.5 * off**2).mean(axis=1))
 
 

@@ -17,15 +17,7 @@ from cornerforge.sim import Setting, Tally, outcome, runner, statistics
 from cornerforge.types import METRES_PER_MILE
 from cornerforge.work import cpu_seconds
 
-__all__ = [
-    "BLOCK",
-    "CHUNK",
-    "Block",
-    "MonteCarlo",
-    "drive_block",
-    "drive_blocks",
-    "relative_half_width",
-]
+__all__ = ["BLOCK", "CHUNK", "Block", "MonteCarlo", "drive_block", "drive_blocks", "relative_half_width"]
 
 BLOCK = 65_536
 """Tests between two saved states. The digest is a chain over blocks of this size, so the size must not change."""

@@ -214,9 +214,7 @@ class Splitting:
         if self.trees:
             found = self.rate
             needed = max(
-                (self.half_width / target) ** 2,
-                LEAST_EFFECTIVE / max(found.effective, 1.0),
-                LEAST_TREES / self.trees,
+                (self.half_width / target) ** 2, LEAST_EFFECTIVE / max(found.effective, 1.0), LEAST_TREES / self.trees
             )
             total = min(most, round(self.trees * needed)) if found.effective > 1.0 else most
             doubted = ", in doubt" if found.doubts else ""
@@ -409,9 +407,7 @@ def kind_rates(picked: Sequence[PickedCrash], of: str, found: WeightedRate) -> d
     for name, weights in sorted(by_kind.items()):
         low, high = weighted_interval(weights, largest)
         rates[name] = KindRate(
-            crashes=len(weights),
-            crashes_per_test=sum(weights) / found.n,
-            interval95=(low / found.n, high / found.n),
+            crashes=len(weights), crashes_per_test=sum(weights) / found.n, interval95=(low / found.n, high / found.n)
         )
     return rates
 

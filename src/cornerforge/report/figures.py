@@ -25,14 +25,7 @@ from cornerforge.results.learning import TrainingCurve
 from cornerforge.results.rates import Counted
 from cornerforge.results.whole import Exposed
 
-__all__ = [
-    "discovery_figure",
-    "exposure_figure",
-    "map_figure",
-    "rate_figure",
-    "share_figure",
-    "training_figure",
-]
+__all__ = ["discovery_figure", "exposure_figure", "map_figure", "rate_figure", "share_figure", "training_figure"]
 
 Figure = dict[str, Any]
 

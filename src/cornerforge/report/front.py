@@ -84,7 +84,9 @@ class Known:
 
 def front_of(known: Known) -> Front:
     """Make the first screen."""
-    return Front((_what(known), how_often(known.road, adversary=known.adversary), _careful(known)), _look(known))
+    return Front(
+        (_what(known), how_often(known.road, known.kinds, adversary=known.adversary), _careful(known)), _look(known)
+    )
 
 
 def _range(low: float, high: float) -> str:
@@ -140,11 +142,12 @@ def _most(known: Known) -> str:
     return f"Most crashes are of the type “{text.plain(name)}” ({text.share(share)})."
 
 
-def how_often(road: RoadRate | None, *, adversary: bool) -> Answer:
-    """Say how often the AV crashes on a road.
+def how_often(road: RoadRate | None, kinds: Natural | None, *, adversary: bool) -> Answer:
+    """Say how often the AV touches a vehicle on a road, and how often that injures somebody in it seriously.
 
     Args:
         road: What is known of it; None: nothing.
+        kinds: Its parts; None: not known.
         adversary: An adversary made the crashes that the page is about.
     """
     question = "How often on a road?"
@@ -157,8 +160,20 @@ def how_often(road: RoadRate | None, *, adversary: bool) -> Answer:
     return Answer(
         question,
         text.capital(road.words),
-        f"in natural traffic, as recorded drivers drive (95 %: {road.interval}; from {road.basis}).",
+        "it touches another vehicle in natural traffic, as recorded drivers drive (95 %: "
+        f"{road.interval}; from {road.basis}).{_injuries(kinds)}",
         _doubt(road),
+    )
+
+
+def _injuries(kinds: Natural | None) -> str:
+    if kinds is None:
+        return ""
+    serious = kinds.serious_injuries
+    low, high = (1e6 / end for end in reversed(serious.interval95_miles))
+    return (
+        f" With a serious injury in the AV (MAIS 3 or more, by delta-v): {text.rate(1e6 / serious.miles_between, 2)} "
+        f"per million miles (95 %: {text.interval(low, high, 2)})."
     )
 
 

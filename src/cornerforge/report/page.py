@@ -363,7 +363,7 @@ def _render_nothing(nothing: Emptiness) -> str:
         pages.get_template("nothing.html.j2").render(
             run=nothing.summary,
             road=road,
-            often=how_often(road, adversary=True),
+            often=how_often(road, None, adversary=True),
             provenance=tables.provenance_table(nothing.provenance),
             style=Markup(template("report.css")),
             policy=content_policy([]),

@@ -1,8 +1,9 @@
-"""How often the AV crashes on the road: one rate, made once, for every place of the page that says it."""
+"""How often the AV touches a vehicle on the road: one rate, made once, for every place of the page that says it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 from cornerforge.report import text
 from cornerforge.report.artefacts import Summary
@@ -105,21 +106,12 @@ def on_road(found: Natural, road: RoadRate) -> Natural:
         low, high = kind.interval95_miles
         return replace(kind, miles_between=scale * kind.miles_between, interval95_miles=(scale * low, scale * high))
 
-    def each(kinds: dict[str, NaturalKind]) -> dict[str, NaturalKind]:
-        return {name: scaled(kind) for name, kind in kinds.items()}
+    def of(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {name: scaled(kind) for name, kind in value.items()}
+        return scaled(value) if isinstance(value, NaturalKind) else value
 
-    whole = scaled(found.all)
-    if road.high is not None:
-        whole = replace(whole, interval95_miles=(road.low, road.high))
-    return replace(
-        found,
-        all=whole,
-        clusters=each(found.clusters),
-        crash_types=each(found.crash_types),
-        mechanisms=each(found.mechanisms),
-        fault=each(found.fault),
-        avoidable=None if found.avoidable is None else scaled(found.avoidable),
-        prevented_by=None if found.prevented_by is None else each(found.prevented_by),
-        conducts=None if found.conducts is None else each(found.conducts),
-        serious_injuries=scaled(found.serious_injuries),
-    )
+    parts = replace(found, **{one.name: of(getattr(found, one.name)) for one in fields(found)})
+    if road.high is None:
+        return parts
+    return replace(parts, all=replace(parts.all, interval95_miles=(road.low, road.high)))

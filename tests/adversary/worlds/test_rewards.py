@@ -96,9 +96,10 @@ def test_who_is_paid_for_what() -> None:
         "preventable": [False] * 4,  # these are given outside the kernels
         "preventable-by-braking": [False] * 4,
         "own-fault": [False] * 4,
+        "own-doing": [False] * 4,
     }
     by_case = {name for name, reward in REWARDS.items() if reward.by_case}
-    assert by_case == {"preventable", "preventable-by-braking", "own-fault"}
+    assert by_case == {"preventable", "preventable-by-braking", "own-fault", "own-doing"}
 
 
 def test_a_reward_may_name_its_reference_driver() -> None:

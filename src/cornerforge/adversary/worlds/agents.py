@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cornerforge._jit import kernel
-from cornerforge.adversary.worlds.drive_bv import MAX_TRIES, History, reward_of, start_with_bv
+from cornerforge.adversary.worlds.drive_bv import MAX_TRIES, History, Series, reward_of, start_with_bv
 from cornerforge.road.straight import driven
 from cornerforge.sim import (
     NEVER,
@@ -131,8 +131,8 @@ def start_as_bv(begin: int, end: int, setting: Setting, agents: BvAgents, s: Scr
     for b in range(begin, end):
         if agents.chosen[b]:
             agents.tests[b] = start_with_bv(
-                world_row(agents.worlds, b), agents.seeds[b], agents.tests[b], 1, setting, s, keep,
-                agents.observation[b], agents.allowed[b], 0,
+                world_row(agents.worlds, b), Series(agents.seeds[b], agents.tests[b], 1, 0), setting, s, keep,
+                agents.observation[b], agents.allowed[b],
             )  # fmt: skip
 
 

@@ -188,10 +188,22 @@ def allocate_actors(n_worlds: int, setting: Setting, slots: int, n_inputs: int) 
     )
 
 
+class Series(NamedTuple):
+    """Tests of one world: `test`, `test + step` and so on, of a seed.
+
+    `richer`: by how much the likelihood budget, if there is one, is more than it should be, at most.
+    """
+
+    seed: int
+    test: int
+    step: int
+    richer: int
+
+
 @kernel
 def start_with_bv(
-    w: World, seed: int, test: int, step: int, setting: Setting, s: Scratch, keep: Keep,
-    observation: NDArray[np.float32], allowed: NDArray[np.bool_], richer: int,
+    w: World, series: Series, setting: Setting, s: Scratch, keep: Keep, observation: NDArray[np.float32],
+    allowed: NDArray[np.bool_],
 ) -> int:  # fmt: skip
     """Put a world where the adversary begins to steer in a test, or in the first of every `step`-th that has a BV then.
 
@@ -199,12 +211,11 @@ def start_with_bv(
 
     Args:
         w: The world.
-        seed, test, step: The tests.
+        series: The tests.
         setting: The run.
         s: Scratch.
         keep: Nothing is kept.
         observation, allowed: Filled with what the critical BV sees and may do.
-        richer: By how much the likelihood budget, if there is one, is more than it should be, at most.
 
     Returns:
         The number of the test.
@@ -212,6 +223,7 @@ def start_with_bv(
     Raises:
         InputError: MAX_TRIES tests in a row have no BV.
     """
+    seed, test, richer = series.seed, series.test, series.richer
     for _ in range(MAX_TRIES):
         reset_world(w, seed, test, setting)
         state = w.state[0]
@@ -221,7 +233,7 @@ def start_with_bv(
         must = advance(w, setting, s, keep, state.steers_from)
         if must == AV_MUST_ANSWER or (must != OVER and look_as_bv(w, setting, s, observation, allowed) >= 0):
             return test
-        test += step
+        test += series.step
     raise InputError(_NOBODY)
 
 
@@ -231,7 +243,8 @@ def start_next(b: int, exploring: Exploring, setting: Setting, s: Scratch, keep:
     w, n, seen, allowed = world_row(actors.worlds, b), actors.allowed.shape[0], actors.observation[b], actors.allowed[b]
     richer = exploring.richer if b < exploring.guided else 0
     actors.history.answered[b] = 0
-    start_with_bv(w, w.state[0].seed, w.state[0].test + n, n, setting, s, keep, seen, allowed, richer)
+    series = Series(w.state[0].seed, w.state[0].test + n, n, richer)
+    start_with_bv(w, series, setting, s, keep, seen, allowed)
 
 
 @kernel
@@ -244,7 +257,7 @@ def start_worlds(seed: int, first: int, setting: Setting, s: Scratch, keep: Keep
     n = actors.allowed.shape[0]
     for b in range(n):
         w, seen, allowed = world_row(actors.worlds, b), actors.observation[b], actors.allowed[b]
-        start_with_bv(w, seed, first + b, n, setting, s, keep, seen, allowed, 0)
+        start_with_bv(w, Series(seed, first + b, n, 0), setting, s, keep, seen, allowed)
 
 
 @kernel

@@ -23,12 +23,7 @@ from cornerforge.ext.calibrate.prior import SafeLaw
 from cornerforge.ext.calibrate.readers import Reading, reading_names
 from cornerforge.ext.calibrate.resampling import distance, resampled_weights
 from cornerforge.ext.calibrate.scores import Predictor, grid_place, law_predictor, simulated
-from cornerforge.ext.calibrate.validate import (
-    FEWEST_VEHICLES,
-    decisions_to_score,
-    observed_and_predicted,
-    stated_law,
-)
+from cornerforge.ext.calibrate.validate import FEWEST_VEHICLES, decisions_to_score, observed_and_predicted, stated_law
 from cornerforge.ndd.grids import GAP_GRID, SPEED_GRID
 from cornerforge.ndd.model import NddModel
 from cornerforge.types import ACCELERATIONS

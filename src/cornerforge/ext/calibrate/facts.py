@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from cornerforge.ext.calibrate.free_running import PERIODS, WHOLE, FreeRunning, FreeTraffic, miles_of, upper_rate
 from cornerforge.ext.calibrate.judging import judged, spread
 from cornerforge.intervals import poisson_interval
+from cornerforge.rates.people import MOTORWAY
 from cornerforge.results.validation import FactFound
 from cornerforge.sim import statistics
 
 __all__ = ["CRASH_LIMIT", "CUT_IN_FACTS", "FACTS", "QUANTILES", "Fact", "compare_crashes", "compare_with_facts"]
 
 CRASH_LIMIT = 3e-6
-"""Limit of the upper bound of crashes between BVs per vehicle-mile; the human rate is 2e-6."""
-HUMAN_CRASHES = 1.9e-6
+"""Limit of the upper bound of crashes between BVs per vehicle-mile."""
 IVBSS = "IVBSS tables of Feng et al. 2023, doi:10.1038/s41586-023-05732-2"
 OURS = "none published, the range is ours"
 SPMD = "Safety Pilot Model Deployment (D. Zhao's group): 44,373 closing cut-ins at 25-35 m/s"
@@ -317,8 +317,8 @@ def _crashes(part: FreeRunning) -> FactFound:
     low, high = (0.0, upper_rate(crashes, 1.0)) if is_whole else poisson_interval(crashes)
     row = judged(
         crashes / miles if miles else None, (0.0, CRASH_LIMIT), theme="crashes", when=part.window.name,
-        fact="crashes between background vehicles", unit="per vehicle-mile", published=HUMAN_CRASHES,
-        source="police-reported, US: NHTSA 2023", n=crashes,
+        fact="crashes between background vehicles", unit="per vehicle-mile", published=MOTORWAY.low,
+        source=f"{MOTORWAY.covers}: {MOTORWAY.source}", n=crashes,
         interval95=(low / miles, high / miles) if miles else None,
     )  # fmt: skip
     within = miles > 0.0 and (high if is_whole else low) / miles <= CRASH_LIMIT

@@ -19,15 +19,7 @@ from numpy.typing import NDArray
 
 from cornerforge.types import ACCELERATION_STEP, ACCELERATIONS
 
-__all__ = [
-    "FollowingLaw",
-    "IdmLaw",
-    "LogLaw",
-    "bin_index",
-    "bin_probabilities",
-    "fit_law",
-    "log_likelihood",
-]
+__all__ = ["FollowingLaw", "IdmLaw", "LogLaw", "bin_index", "bin_probabilities", "fit_law", "log_likelihood"]
 
 Floats = NDArray[np.float64]
 

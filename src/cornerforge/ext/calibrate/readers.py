@@ -35,14 +35,7 @@ from cornerforge.ext.calibrate.layouts import (
     matching_layouts,
     required_columns,
 )
-from cornerforge.ext.calibrate.row_checks import (
-    GAP_RANGE,
-    LANE_LIMIT,
-    MEAN_LENGTH,
-    check_rows,
-    drivers,
-    time_step,
-)
+from cornerforge.ext.calibrate.row_checks import GAP_RANGE, LANE_LIMIT, MEAN_LENGTH, check_rows, drivers, time_step
 from cornerforge.ext.calibrate.tables import BadRows, Table, file_sha256, read_header, read_table
 from cornerforge.ext.calibrate.whole_tracks import cut_tracks, direction_of_travel, position_along
 from cornerforge.ndd.model import GAPS

@@ -333,12 +333,7 @@ def _likelihood_table(result: NddValidated) -> str:
     for name, parts in result.log_likelihood_per_decision.items():
         for part, score in parts.items():
             rows.append(
-                [
-                    f"{name}, {part}",
-                    f"{score.decisions:,}",
-                    score.vehicles,
-                    _with(score.model, score.interval95, ""),
-                ]
+                [f"{name}, {part}", f"{score.decisions:,}", score.vehicles, _with(score.model, score.interval95, "")]
             )
             rows += [
                 [f"… minus {baseline}", "", "", _with(versus.difference, versus.interval95, "+")]

@@ -11,13 +11,7 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
-from cornerforge.rates.branching.population import (
-    TREE,
-    Plan,
-    Population,
-    allocate_pool,
-    allocate_terminal_states,
-)
+from cornerforge.rates.branching.population import TREE, Plan, Population, allocate_pool, allocate_terminal_states
 from cornerforge.rates.branching.splitting import drive_tree_range
 from cornerforge.rates.branching.training_data import TrainingData, add_what_followed, allocate_training_data
 from cornerforge.sim import Setting, allocate_scratch, controllers, keep_nothing, naming_tests, warn_of_left_out

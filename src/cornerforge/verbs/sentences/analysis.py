@@ -33,7 +33,7 @@ def natural_text(r: Analysed) -> list[str]:
     if r.natural is None:
         return []
     found = r.natural
-    lines = [f"In natural traffic a crash {_miles(found.all)}; from {found.effective_cases:,.0f} effective cases:"]
+    lines = [f"In natural traffic a touch {_miles(found.all)}; from {found.effective_cases:,.0f} effective cases:"]
     for what, kinds in (("cluster", found.clusters), ("type", found.crash_types), ("mechanism", found.mechanisms)):
         lines += [
             f"  {100.0 * kind.share:5.1f} %  {what} {name}: {_miles(kind)}, {kind.cases:,} cases"

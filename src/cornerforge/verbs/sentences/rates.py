@@ -64,9 +64,9 @@ def miles_text(found: NaturalRate) -> list[str]:
         return []
     low, high = found.interval95_per_mile
     if not found.crashes_per_mile:
-        return [f"No crash; at most once in {short(1.0 / high)} miles (95 %)"]
+        return [f"No touch; at most once in {short(1.0 / high)} miles (95 %)"]
     most = short(1.0 / low) if low > 0.0 else "no bound"
-    return [f"Once in {short(1.0 / found.crashes_per_mile)} miles ({short(1.0 / high)} to {most})"]
+    return [f"A touch once in {short(1.0 / found.crashes_per_mile)} miles ({short(1.0 / high)} to {most})"]
 
 
 def model_text(found: NaturalRate) -> list[str]:
