@@ -238,9 +238,9 @@ def test_a_share_with_weights_is_that_of_the_road(natural_run_folder: Path) -> N
     known = _known(read_artefacts(natural_run_folder))
     assert known.cases is not None
     some = np.arange(known.cases.weight.size) < 3
-    known = replace(known, cases=replace(known.cases, prevention=np.where(some, PREVENTION[0], PREVENTION[4])))
+    cases = replace(known.cases, prevention=np.where(some, PREVENTION[0], PREVENTION[4]))
     weight = np.where(some, 1e-9, 1e-8)
-    heavy = replace(known.cases, weight=weight)
+    heavy = replace(cases, weight=weight)
     share = front._natural_share(heavy, some)
     assert share.share == pytest.approx(weight[some].sum() / weight.sum())
     assert share.low <= share.share <= share.high
