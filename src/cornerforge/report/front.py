@@ -20,7 +20,7 @@ from cornerforge.results.analysis import Natural, NaturalKind, OwnDoing
 
 __all__ = ["Answer", "Front", "Known", "Look", "front_of", "how_often"]
 
-DRIVERS = "at least three of four models of a careful driver"
+DRIVERS = "by the AV's own motion, or by three of four models of a careful driver"
 
 
 @dataclass(frozen=True)
