@@ -157,6 +157,19 @@ def test_the_first_sentence_says_what_the_av_does_wrong(run_folder: Path) -> Non
     assert text.index(f"It {FLAWS[own['flaws'][0]['flaw']]} That made") < text.index("Cases to watch")
 
 
+def test_what_a_careful_driver_prevents_is_one_number(run_folder: Path) -> None:
+    careful = analysis_of(run_folder)["prevented"]["careful"]
+    text = " ".join(Page(write_report(run_folder)).text.split())
+    assert f"{share(careful['share'])} of n = 60 cases" in text
+    assert "at least one of four" not in text
+
+
+def test_a_braking_verdict_names_models_only_if_some_brake_in_time() -> None:
+    told = CaseJudgement("bv", "rule x", 2.0, None, None, None, "nobody", "by braking", "brakes-late", 1.4, None)
+    assert verdict(told).endswith("A careful driver would have prevented it by braking.")
+    assert "by braking, as fsm would." in verdict(dataclasses.replace(told, prevented_by="fsm"))
+
+
 def test_a_verdict_tells_the_own_doing_of_the_av() -> None:
     known = CaseJudgement("bv", "rule x", 2.0, None, None, None, None, None, "brakes-late", 1.4, None)
     assert "own doing, from 1.4 s before contact: it brakes for a vehicle ahead more than 0.8 s" in verdict(known)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from cornerforge.road.straight import RoadNumbers
 
-__all__ = ["AV_BRAKES", "AV_MOVES", "MANOEUVRES", "manoeuvre_begin"]
+__all__ = ["APPROACH", "AV_BRAKES", "AV_MOVES", "MANOEUVRES", "manoeuvre_begin"]
 
 MANOEUVRES: dict[str, str] = {
     "other-moves": "the other vehicle moves sideways, turning back included",

@@ -198,9 +198,10 @@ def _conduct_in_words(known: CaseJudgement) -> str:
 
 def _prevented_in_words(known: CaseJudgement) -> str:
     """Say whether a careful driver would have prevented a case; "" where it was not judged."""
+    models = "" if known.prevented_by == "nobody" else f", as {known.prevented_by} would"
     return {
-        PREVENTION[0]: f" A careful driver would have prevented it by braking ({known.prevented_by}).",
-        PREVENTION[1]: " A careful driver would not have begun it: to keep lane and speed would have been enough.",
+        PREVENTION[0]: f" A careful driver would have prevented it by braking{models}.",
+        PREVENTION[1]: " A careful driver would have left that out.",
         PREVENTION[2]: " The speed that it then had would have been enough, but no care would have told so.",
         PREVENTION[3]: f" Models of a careful driver differ: only {known.prevented_by} would have prevented it by "
         "braking.",
