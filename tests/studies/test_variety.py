@@ -110,6 +110,13 @@ def test_the_curve_has_every_mask_and_keeps_its_policies(curve: tuple[Path, Plau
     assert "unbounded" in text
 
 
+def test_a_budget_of_excess_is_one_of_the_policies(tmp_path: Path) -> None:
+    out = tmp_path / "curve"
+    cornerforge.plausibility(out=out, budgets=[8.0], budget_of="excess", seeds=1, decisions=512, tests=100)
+    assert load_policy(out / "8-0.safetensors").budget_of == "excess"
+    assert load_policy(out / "bounded-0.safetensors").budget_of == "shortfall"
+
+
 def timeless(found: Plausibility) -> Plausibility:
     rows = [replace(row, runs=tuple(replace(run, seconds=0.0) for run in row.runs)) for row in found.rows]
     return replace(found, rows=tuple(rows))

@@ -9,7 +9,7 @@ from typing import Annotated
 
 from cornerforge._options import Command, LongWork, Resumable
 from cornerforge._schema import meant
-from cornerforge.world_options import AvAskedOptions, AvOptions, WorldOptions
+from cornerforge.world_options import BUDGETS, AvAskedOptions, AvOptions, WorldOptions
 
 __all__ = ["BUDGETS_NATS", "COMMANDS", "R157", "PlausibilityStudy", "SuiteBuild", "Variety"]
 
@@ -65,6 +65,9 @@ class PlausibilityStudy(AvOptions, Resumable, LongWork):
         Sequence[float],
         meant("Likelihood budget in nats; may be given again. 10, 20, 40, 60, 80.", name="--budget", unit="nats"),
     ] = BUDGETS_NATS
+    budget_of: Annotated[
+        str, meant("What budgets limit: shortfall behind the likeliest, or excess over natural.", choices=BUDGETS)
+    ] = BUDGETS[0]
     seeds: Annotated[int, meant("Training seeds per budget.", low=1, high=1000)] = 3
     decisions: Annotated[
         int | None, meant("Length of a training; the fast preset's by default.", low=1, high=10**12)

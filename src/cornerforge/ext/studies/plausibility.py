@@ -33,6 +33,7 @@ from cornerforge.results import Plausibility, as_json, from_json
 from cornerforge.results.cases import NaturalPlausibility, PlausibilityRow, PlausibilityRun
 from cornerforge.verbs.train import EVALUATION_TESTS, evaluate, learn, training_faults
 from cornerforge.work.progress import Progress
+from cornerforge.world_options import BUDGETS
 
 __all__ = ["plausibility", "plausibility_text"]
 
@@ -58,12 +59,13 @@ def plausibility(options: PlausibilityStudy) -> Plausibility:
     config = preset_named("fast")
     if options.decisions is not None:
         config = replace(config, decisions=options.decisions)
-    world = options.world()
+    world = options.world().without_mask()
     natural = experiment(world, takes_foreign=True, seed=options.seed)
     folder = Path(options.out)
     identity = {
         **natural.identity(options.seed),
         "budgets": " ".join(f"{budget:g}" for budget in sorted(options.budgets)),
+        **({} if options.budget_of == BUDGETS[0] else {"budget_of": options.budget_of}),
         "decisions": config.decisions,
         "seeds": options.seeds,
         "tests": options.tests,
@@ -81,7 +83,10 @@ def plausibility(options: PlausibilityStudy) -> Plausibility:
     )  # fmt: skip
     rows = []
     for budget, bounded in masks:
-        run = experiment(world, bv="uniform", bounded=bounded, budget=budget, takes_foreign=True, seed=options.seed)
+        run = experiment(
+            world, bv="uniform", bounded=bounded, budget=budget, takes_foreign=True, seed=options.seed,
+            budget_of=BUDGETS[0] if budget is None else options.budget_of,
+        )  # fmt: skip
         run.keep_printed(folder / AV_LOG)
         runs = tuple(
             _one(folder, run, config, options, options.seed + k, n_threads) for k in range(options.seeds)
@@ -91,7 +96,7 @@ def plausibility(options: PlausibilityStudy) -> Plausibility:
         rows=tuple(rows), natural=_natural(natural, options.seed), out=str(folder), tests=options.tests
     )
     write_json(folder / "plausibility.json", as_json(result))
-    _draw(folder / "plausibility.png", result)
+    _draw(folder / "plausibility.png", result, options.budget_of)
     write_json(folder / "provenance.json", provenance(identity, 0.0))
     return result
 
@@ -108,7 +113,7 @@ def _one(
     seed, tests, progress = options.seed, options.tests, options.progress
     policy, result = learn(run, config, seed=train_seed, threads=threads, progress=progress)
     save_policy(policy, kept)
-    hostile = experiment(options.world(), policy=policy, takes_foreign=True, seed=seed)
+    hostile = experiment(options.world().without_mask(), policy=policy, takes_foreign=True, seed=seed)
     hostile.keep_printed(folder / AV_LOG)
     found = PlausibilityRun(
         train_seed=train_seed,
@@ -165,10 +170,10 @@ def _mask_name(row: PlausibilityRow) -> str:
     return "mask only" if row.bounded else "unbounded"
 
 
-def _draw(path: Path, result: Plausibility) -> None:
+def _draw(path: Path, result: Plausibility, limits: str) -> None:
     """Draw every policy's yield with its exact interval, on a log scale, from the tightest budget to none.
 
-    Without any crash only the upper end is drawn.
+    Without any crash only the upper end is drawn. `limits`: what budgets limit.
     """
     figure, (panel,) = new_figure(1, 1, 7.2, 4.4)
     rows = result.rows
@@ -191,7 +196,8 @@ def _draw(path: Path, result: Plausibility) -> None:
     panel.set_ylim(top=1.2)
     panel.set_xticks(range(len(rows)), [_mask_name(row) for row in rows])
     spent = result.natural.shortfall_per_test
-    panel.set_xlabel(f"likelihood budget of a test [nats]; natural drivers spend {spent:.1f} on average", fontsize=9)
+    about = f"budget of {limits} in a test [nats]; natural drivers fall {spent:.1f} short of the likeliest on average"
+    panel.set_xlabel(about, fontsize=9)
     panel.set_ylabel("per test, 95 % interval, each training seed", fontsize=9)
     panel.legend(fontsize=8)
     with writing(path) as part:
