@@ -19,7 +19,7 @@ from cornerforge.drivers.avs import AVS, av_hash
 from cornerforge.experiment.counting import drive_tests, rate_summary, simulate_experiment
 from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.output import code_hash, read_json_file, write_json
-from cornerforge.experiment.policy_file import Policy, load_policy, policy_hash, save_policy
+from cornerforge.experiment.policy_file import Policy, check_budget, load_policy, policy_hash, save_policy
 from cornerforge.experiment.setting import experiment
 from cornerforge.intervals import binomial_interval
 from cornerforge.library import CaseLibrary
@@ -151,11 +151,13 @@ class Bench:
         progress: Called with the progress.
         paper_policy: A policy of preset `paper`, trained elsewhere, for Figure 2; or None.
         more_avs: AVs besides the built-in ones, which the matrix shows too: files of `train-av`, or from outside.
+        budget: How far bounded adversaries may fall short of the likeliest actions in a test [nats]; None: no limit.
     """
 
     def __init__(
         self, folder: Path, size: ReproduceEffort, world: WorldOptions, *, seed: int, threads: int | None,
         progress: Progress, paper_policy: Path | None = None, more_avs: Sequence[str] = (),
+        budget: float | None = None,
     ) -> None:  # fmt: skip
         self.folder = folder
         self.size = size
@@ -164,6 +166,7 @@ class Bench:
         self.progress = progress
         self.paper_policy = None if paper_policy is None else load_timed_policy(paper_policy)
         self._world = world
+        self._budget = check_budget(budget, bounded=True)
         self._more_avs = tuple(dict.fromkeys(name for name in more_avs if name not in _TRIED))
         self._av_hashes: dict[str, str] = {}
         self._policies: dict[tuple[str, int], Policy] = {}
@@ -205,6 +208,7 @@ class Bench:
             "size": json.loads(json.dumps(asdict(self.size))),
             "model": model_hash(run.model),
             "odd": run.odd.stated(),
+            **({} if self._budget is None else {"budget": self._budget}),
         }
 
     # --- kept results ---
@@ -221,12 +225,13 @@ class Bench:
         """An AV in natural traffic, or among an adversary's (learned: its k-th training) vehicles."""
         if adversary is None:
             return experiment(self._world, av=av, takes_foreign=True, seed=self.seed)
-        bounded, seed = adversary.bounded, self.seed
         if adversary.trained_on is None:
-            return experiment(
-                self._world, av=av, bv=adversary.name, bounded=bounded, takes_foreign=True, seed=seed
-            )  # fmt: skip
-        return experiment(self._world, av=av, policy=self.policy(adversary, k), takes_foreign=True, seed=seed)
+            return experiment(self._masked(adversary), av=av, bv=adversary.name, takes_foreign=True, seed=self.seed)
+        return experiment(self._world, av=av, policy=self.policy(adversary, k), takes_foreign=True, seed=self.seed)
+
+    def _masked(self, adversary: Adversary) -> WorldOptions:
+        """Return the world with an adversary's mask and budget."""
+        return replace(self._world, bounded=adversary.bounded, budget=self._budget if adversary.bounded else None)
 
     def config(self, adversary: Adversary) -> DqnConfig:
         """Return the hyperparameters of a learned adversary: preset `fast` with the effort's length and its reward."""
@@ -254,7 +259,7 @@ class Bench:
     def _trained(self, adversary: Adversary, k: int) -> Policy:
         assert adversary.trained_on is not None  # plain adversaries have no policy
         path = self._place(adversary, k)
-        run = experiment(self._world, av=adversary.trained_on, bv="uniform", bounded=adversary.bounded)
+        run = experiment(self._masked(adversary), av=adversary.trained_on, bv="uniform")
         config, seed = self.config(adversary), self.seed + k
         wanted: dict[str, Any] = {
             "seed": seed,
@@ -265,7 +270,7 @@ class Bench:
         }
         if path.exists():
             policy = load_policy(path)
-            if all(policy.about.get(key) == value for key, value in wanted.items()):
+            if policy.budget == run.budget and all(policy.about.get(key) == wanted[key] for key in wanted):
                 return policy
         path.parent.mkdir(parents=True, exist_ok=True)
         checkpoint = checkpoint_beside(path, run, config, seed)

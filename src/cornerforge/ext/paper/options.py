@@ -33,6 +33,14 @@ class Reproduce(RoadOptions, Resumable, LongWork):
             near=("quick", "standard", "full"), default="standard",
         ),
     ] = None  # fmt: skip
+    budget: Annotated[
+        float | None,
+        meant(
+            "How far bounded adversaries may fall short of the likeliest actions in a test; no limit by default. "
+            "With 8 and --odd paper they cut in as in Figures 10 and 11.",
+            unit="nats",
+        ),
+    ] = None
     paper_policy: Annotated[Path | str | None, meant("A policy of preset paper, for Figure 2.")] = None
     avs: Annotated[
         Sequence[str],

@@ -71,8 +71,9 @@ def reproduce(options: Reproduce) -> Reproduced:
         for name in (ITEMS if options.figures is None else options.figures)
     ]
     bench = Bench(
-        folder, size, options.world(), seed=options.seed, threads=options.threads, progress=options.progress,
+        folder, size, options.world().without_mask(), seed=options.seed, threads=options.threads, progress=options.progress,
         paper_policy=None if options.paper_policy is None else Path(options.paper_policy), more_avs=options.avs,
+        budget=options.budget,
     )  # fmt: skip
     run = bench.experiment("idm-mobil")
     check_reproduction()
@@ -82,7 +83,7 @@ def reproduce(options: Reproduce) -> Reproduced:
         "odd": run.odd.name,
         "lanes": run.odd.n_lanes,
         "model_hash": model_hash(run.model),
-        "config_hash": config_hash({"size": asdict(size), "odd": run.odd.stated()}),
+        "config_hash": config_hash({"size": asdict(size), "odd": run.odd.stated(), "budget": options.budget}),
         "cornerforge": version(),
     }
     open_output(folder, identity, resume=options.resume)
