@@ -154,7 +154,7 @@ def right(annotation: str) -> Any:
     """Something of the right type, though there is no such file or case."""
     if "CaseFile" in annotation and "Path" not in annotation:
         return read_case_file(Path(__file__).parents[1] / "examples" / "cases" / "hard-braking.json")
-    return ["x"] if "Annotated[Sequence" in annotation else "x"
+    return ["x"] if "Sequence" in annotation else "x"
 
 
 def without_default(name: str) -> dict[str, Any]:

@@ -83,3 +83,12 @@ def test_every_public_name_has_a_docstring() -> None:
         if is_code and not (getattr(thing, "__doc__", None) or "").strip():
             bare.append(dotted)
     assert not bare
+
+
+def test_a_user_finds_the_verbs_and_reads_what_they_take() -> None:
+    """Names are listed before they are loaded, and a signature says types alone, a verb's own options first."""
+    assert dir(cornerforge) == sorted(cornerforge.__all__)
+    taken = inspect.signature(cornerforge.simulate)
+    assert list(taken.parameters)[:3] == ["tests", "bv", "acting"]
+    assert {"av", "odd", "lanes"} < taken.parameters.keys()
+    assert "Annotated" not in str(taken)

@@ -43,43 +43,11 @@ if TYPE_CHECKING:
     from cornerforge.work import engine
 
 __all__ = [
-    "__version__",
-    "analyse",
-    "avs",
-    "cases_from_data",
-    "check_av",
-    "drive_case",
-    "engine",
-    "export",
-    "figure",
-    "generate",
-    "import_cases",
-    "init",
-    "make_report",
-    "migrate",
-    "ndd_fit",
-    "ndd_import",
-    "ndd_show",
-    "ndd_validate",
-    "plausibility",
-    "query",
-    "r157",
-    "rate",
-    "read_case_file",
-    "replay",
-    "reproduce",
-    "retest",
-    "run",
-    "serve",
-    "shrink",
-    "simulate",
-    "suite_build",
-    "train",
-    "train_av",
-    "variety",
-    "verify",
-    "write_case_file",
-]
+    "__version__", "analyse", "avs", "cases_from_data", "check_av", "drive_case", "engine", "export", "figure",
+    "generate", "import_cases", "init", "make_report", "migrate", "ndd_fit", "ndd_import", "ndd_show",
+    "ndd_validate", "plausibility", "query", "r157", "rate", "read_case_file", "replay", "reproduce", "retest",
+    "run", "serve", "shrink", "simulate", "suite_build", "train", "train_av", "variety", "verify", "write_case_file",
+]  # fmt: skip
 
 __version__ = "0.1.0"
 
@@ -123,3 +91,8 @@ __getattr__ = door(
         "write_case_file": "library.case_file",
     },
 )
+
+
+def __dir__() -> list[str]:
+    """List what this package offers, also what is not loaded yet."""
+    return __all__

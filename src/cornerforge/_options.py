@@ -160,9 +160,7 @@ def verb(options: Callable[P, OPTIONS], *, writes: bool = True) -> Callable[[Cal
 
         kind: Any = options
         call.__doc__ = _documented(function.__doc__ or "", kind)
-        call.__signature__ = inspect.signature(options).replace(  # type: ignore[attr-defined]
-            return_annotation=inspect.signature(function).return_annotation
-        )
+        call.__signature__ = _signature(kind, inspect.signature(function))  # type: ignore[attr-defined]
         return call
 
     return of
@@ -193,6 +191,13 @@ def _made(options: Callable[P, OPTIONS], of: Callable[..., Any], args: Any, kwar
     except TypeError as error:
         raise TypeError(f"{of.__qualname__}() {error}") from None
     return options(*args, **kwargs)
+
+
+def _signature(options: type[Options], of: inspect.Signature) -> inspect.Signature:
+    """Return the signature of a verb for people: its own options first, each with its type alone."""
+    made = inspect.signature(options).parameters
+    shown = [made[one.name].replace(annotation=kind) for one, kind, _ in options_of(options)]
+    return of.replace(parameters=sorted(shown, key=lambda one: one.kind))
 
 
 def _documented(docstring: str, options: type[Options]) -> str:
