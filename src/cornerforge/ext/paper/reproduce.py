@@ -71,7 +71,8 @@ def reproduce(options: Reproduce) -> Reproduced:
         for name in (ITEMS if options.figures is None else options.figures)
     ]
     bench = Bench(
-        folder, size, options.world().without_mask(), seed=options.seed, threads=options.threads, progress=options.progress,
+        folder, size, options.world().without_mask(), seed=options.seed, threads=options.threads,
+        progress=options.progress,
         paper_policy=None if options.paper_policy is None else Path(options.paper_policy), more_avs=options.avs,
         budget=options.budget,
     )  # fmt: skip
