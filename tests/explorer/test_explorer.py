@@ -21,6 +21,7 @@ import pytest
 from explorer.conftest import BRAKES, Running, asked, get, sent, started, stopped
 from PIL import Image
 
+import cornerforge
 from cornerforge.analysis.prevented import CAREFULLY
 from cornerforge.ext.explorer import serve as verb
 from cornerforge.ext.explorer.driving import Driving
@@ -350,3 +351,13 @@ def test_the_first_card_is_honest(exhibit: Exhibit, word: str, title: str, told:
     first = cards(list(exhibit._state.sources.values()), dataclasses.replace(exhibit.table, table=changed))[0]
     assert title in first["title"]
     assert told in first["text"]
+
+
+def test_crashes_of_trees_are_natural_ones(small_trees: None, tmp_path: Path) -> None:  # noqa: ARG001 - it patches
+    """What `run` and `rate` leave is stored as scripts with weights; it is shown as traffic, with its rate."""
+    cornerforge.rate(av="idm-mobil-blind", method="splitting", max_tests=5_000, seed=1, out=tmp_path / "r")
+    (found,) = verb._sources(tmp_path / "r")
+    source = found.source
+    assert (source.name, source.natural, source.cases.scripted) == ("natural", True, True)
+    assert source.weights is not None
+    assert 0.0 < sum(source.weights.values()) < 1e-3

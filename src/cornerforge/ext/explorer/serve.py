@@ -20,7 +20,7 @@ from cornerforge.ext.explorer.options import Serve
 from cornerforge.ext.interchange.beside import analysis_beside, own_folder
 from cornerforge.library import CaseLibrary
 from cornerforge.library.manifest import MANIFEST
-from cornerforge.library.natural import is_natural, natural_weights
+from cornerforge.library.natural import natural_weights
 from cornerforge.results.whole import Served
 
 if TYPE_CHECKING:
@@ -124,8 +124,8 @@ def _sources(place: Path) -> list[_Found]:
         cases = CaseLibrary.open(library)
         if len(cases) == 0:
             continue
-        on_road = is_natural(cases) and not cases.scripted  # a script is driven, not met on the road
-        weights = natural_weights(cases) if on_road else None
+        weights = natural_weights(cases)
+        on_road = weights is not None  # crashes of trees are stored as scripts, and each has its weight
         name = "natural" if on_road else "scripted" if cases.scripted else "adversary"
         if name in found:
             continue
