@@ -182,6 +182,10 @@ class WorldOptions(_Av, RoadOptions, _Budget, AvAskedOptions):
         """Copy the world without what `bounded` and its kin say: for a policy, which brings its own."""
         return replace(self.world(), bounded=False, budget=None, budget_of=BUDGETS[0], steer_from=None)
 
+    def driven_by(self, built_in: str) -> WorldOptions:
+        """Copy the world with a built-in AV, without what only AVs from outside are asked with."""
+        return replace(self, av=built_in, av_python=None, av_memory=None, av_actions=None, av_statistics=None)
+
     def av_keywords(self) -> dict[str, Any]:
         """Give the options as keywords of verbs without an adversary: all but its own."""
         return {one.name: getattr(self, one.name) for one in fields(AvOptions)}

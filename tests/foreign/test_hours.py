@@ -8,6 +8,7 @@ import itertools
 import json
 import re
 import shutil
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ import cornerforge
 from cornerforge.errors import CornerForgeError
 from cornerforge.library import CaseLibrary
 from cornerforge.results import RunDone, as_json
+from cornerforge.verbs.options.whole import Run
 from cornerforge.work.stages import Stages
 
 pytestmark = [pytest.mark.full, pytest.mark.usefixtures("in_memory")]
@@ -265,3 +267,11 @@ def test_wrong_arguments_make_no_folder(tmp_path: Path, arguments: dict[str, Any
     with pytest.raises(CornerForgeError, match=text):
         cornerforge.run(out=tmp_path / "out", **arguments)
     assert not (tmp_path / "out").exists()
+
+
+def test_what_the_av_is_asked_with_does_not_stop_its_stand_in(tmp_path: Path) -> None:
+    """FINDINGS 4.2: --av-memory and --av-python are for AVs from outside, and the stand-in is built in."""
+    options = Run(av=f"{EXAMPLE}:MyAv", av_memory=4.0, av_python=sys.executable, hours=HOURS, out=tmp_path / "run")
+    job = spend._ByClock(options, HOURS)
+    assert job.mask.av.name == "idm-mobil"
+    assert job.world.av_memory == 4.0

@@ -134,7 +134,7 @@ class _ByClock(Job):
                 f"stand_in = {stand_in!r} is not built in; name a built-in AV (cornerforge avs lists them)."
             )
         super().__init__(options)
-        self.mask = experiment(replace(self.world, av=stand_in), bv="uniform", seed=self.seed)
+        self.mask = experiment(self.world.driven_by(stand_in), bv="uniform", seed=self.seed)
         self.effort, self._hours, self._library = f"{hours:g} h", hours, self.folder / "library"
         self.stand_in = {"stand_in": stand_in, "stand_in_hash": self.mask.av_hash}
         train = asdict(replace(preset_named("fast"), reward=options.reward))
