@@ -31,12 +31,15 @@ def content() -> str:
         long, short = ([one for one in option.opts if one.startswith("--") == yes] for yes in (True, False))
         return ["".join(long), "".join(short), option.help or ""]
 
-    children = [(name, child) for name, child in command.commands.items() if not child.hidden]
+    panels: dict[str, list[list[str]]] = {}
+    for name in command.list_commands(context):
+        child = command.commands[name]
+        panels.setdefault(child.rich_help_panel, []).append([name, " ".join(child.help.split("\n\n")[0].split())])
     page = {
         "usage": command.get_usage(context).removeprefix("Usage: "),
         "about": command.help,
         "options": [named(one) for one in command.get_params(context)],
-        "commands": [[name, " ".join((child.help or "").split("\n\n")[0].split())] for name, child in children],
+        "commands": panels,
         "end": command.epilog,
     }
     return json.dumps(page, indent=1) + "\n"

@@ -16,7 +16,7 @@ from cornerforge._options import Command, Options, options_of
 from cornerforge._schema import allowed_types, meant, shown_of
 from cornerforge.cli.config import read_config
 from cornerforge.cli.output import EXIT_GATE, Bars, run_command
-from cornerforge.cli.program import command_class, epilog, group_of
+from cornerforge.cli.program import command_class, epilog, group_of, panel_of
 from cornerforge.errors import printable
 
 __all__ = ["add_command"]
@@ -136,4 +136,5 @@ def add_command(told: Command) -> None:
     command.__annotations__ = {one.name: one.annotation for one in parameters}  # Typer reads both
     many = tuple(shown_of(said).get("name", f"--{one.name}") for one, _, said in shown if "many" in shown_of(said))
     group, _, word = (told.name or name.replace("_", "-")).rpartition(" ")
-    group_of(group).command(word, cls=command_class(many), epilog=epilog(told.examples))(command)
+    panel = None if group else panel_of(word)
+    group_of(group).command(word, cls=command_class(many), epilog=epilog(told.examples), rich_help_panel=panel)(command)

@@ -96,7 +96,8 @@ def _page(width: int, colours: bool) -> str:
         (f"{name:<{long}}  {short}", f"{with_options(name)}{' ' * (long - len(name))}  {with_options(short)}", text)
         for name, short, text in content["options"]
     ]
-    indent = max(len(name) for name, _ in content["commands"]) + 2
+    panels = content["commands"]
+    indent = max(len(name) for rows in panels.values() for name, _ in rows) + 2
     lines = [
         empty,
         f" {styled('Usage: ', _YELLOW)}{styled(usage, _BOLD)}{' ' * (width - 8 - len(usage))}",
@@ -104,7 +105,11 @@ def _page(width: int, colours: bool) -> str:
         *paragraph(content["about"]),
         empty,
         *panel("Options", named, long + _SHORT),
-        *panel("Commands", [(name, styled(name, _CYAN), text) for name, text in content["commands"]], indent),
+        *(
+            line
+            for title, rows in panels.items()
+            for line in panel(title, [(name, styled(name, _CYAN), text) for name, text in rows], indent)
+        ),
         empty,
         *paragraph(content["end"]),
         empty,

@@ -13,7 +13,7 @@ from cornerforge._words import shown
 from cornerforge.cli.retired import retired_among
 from cornerforge.errors import InputError
 
-__all__ = ["app", "command_class", "epilog", "group_of"]
+__all__ = ["app", "command_class", "epilog", "group_of", "panel_of"]
 
 
 def _flags_without_value(options: list[Any]) -> list[Any]:
@@ -95,9 +95,31 @@ class _Command(typer.core.TyperCommand):
         return parser
 
 
+_PANELS = {
+    "Start": ("run", "simulate", "train", "rate", "analyse", "retest"),
+    "Your own AV": ("init", "check-av", "avs", "train-av", "r157", "suite"),
+    "Cases": (
+        "generate", "report", "serve", "replay", "query", "shrink", "figure", "export", "import", "cases", "verify",
+        "migrate",
+    ),
+    "Data and studies": ("ndd", "variety", "plausibility", "reproduce"),
+}  # fmt: skip
+"""Commands on the first page, in its order."""
+
+
 class _Group(typer.core.TyperGroup):
     def get_params(self, ctx: Any) -> Any:
         return _flags_without_value(super().get_params(ctx))
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """List the commands in the order of the first page; those of a group as they were added."""
+        order = [name for names in _PANELS.values() for name in names]
+        return sorted(super().list_commands(ctx), key=lambda name: order.index(name) if name in order else len(order))
+
+
+def panel_of(name: str) -> str | None:
+    """Name the panel of the first page on which a command stands; None for commands of a group."""
+    return next((panel for panel, names in _PANELS.items() if name in names), None)
 
 
 def epilog(examples: tuple[str, ...]) -> str:
@@ -126,7 +148,7 @@ for _name, _help, _example in (
     _GROUPS[_name] = typer.Typer(
         cls=_Group, no_args_is_help=True, help=_help, epilog=epilog((f"cornerforge {_example}",))
     )
-    app.add_typer(_GROUPS[_name], name=_name)
+    app.add_typer(_GROUPS[_name], name=_name, rich_help_panel=panel_of(_name))
 
 
 def command_class(many: tuple[str, ...]) -> type[_Command]:
