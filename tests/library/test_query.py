@@ -78,6 +78,17 @@ def test_a_mistake_is_one_plain_line(filled: Path, sql: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_a_mistake_names_what_there_is(filled: Path) -> None:
+    """FINDINGS 4.15: columns that are alike, and the table."""
+    library = CaseLibrary.open(filled)
+    with pytest.raises(InputError, match=r"Candidate bindings: .*crash_time"):
+        library.query("SELECT crash_tim FROM cases")
+    with pytest.raises(InputError, match='The table is "cases"'):
+        library.query("SELECT * FROM crashes")
+    with pytest.raises(InputError, match=r'Did you mean "\d+:\d+"'):
+        library.scenario(str(library.scalars(["test"])["test"][0].as_py()))
+
+
 def test_what_comes_back_is_plain(filled: Path) -> None:
     """The sandbox's bytes are read as JSON, never unpickled."""
     columns, rows = CaseLibrary.open(filled).query(

@@ -11,10 +11,11 @@ from msgspec import structs
 
 from cornerforge._checksums import read_tensors, weights_of, write_tensors
 from cornerforge._schema import Closed, Whole, meant, read
+from cornerforge._words import shown
 from cornerforge.drivers.avs import AVS, AvModel, AvNetwork, av_named
 from cornerforge.drivers.policy import LEARNED_WIDTH, NetworkShape, n_weights
 from cornerforge.drivers.sight import Sight
-from cornerforge.errors import FileFormatError
+from cornerforge.errors import FileFormatError, InputError
 from cornerforge.foreign.spec import AvSpec
 from cornerforge.sim import av_features
 
@@ -51,8 +52,11 @@ def av_of(name: str) -> AvModel:
 
     Raises:
         UnknownNameError: There is no built-in AV of that name.
+        InputError: It is a Python file without a class.
         FileFormatError: The file is missing, damaged, or no learned AV of this version.
     """
+    if name.endswith(".py"):
+        raise InputError(f"{shown(name)} is a file; name the class in it too, such as {shown(f'{name}:MyAv')}.")
     if name.endswith(".safetensors"):
         return load_av(Path(name))
     if AvSpec(name).is_outside or name == RECORDED_AV:

@@ -108,7 +108,10 @@ def _answers(table: Any, megabytes: int, seconds: float) -> Iterator[bytes]:
             except (MemoryError, duckdb.OutOfMemoryException):
                 answer = ("memory",)
             except Exception as error:  # some of DuckDB's errors are RuntimeErrors, ValueErrors, SystemErrors
-                line = str(error).splitlines()[0] if str(error) else type(error).__name__
+                said = str(error).partition("\n\n")[0] or type(error).__name__  # below it stands the statement again
+                line = " ".join(part for part in said.splitlines() if not part.startswith("Did you mean"))
+                if "Catalog Error: Table" in line:
+                    line += ' The table is "cases".'
                 answer = ("memory",) if "bad_alloc" in line else ("error", line)
             try:
                 content = json.dumps(answer, default=_plain).encode()

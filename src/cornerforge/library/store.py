@@ -525,7 +525,7 @@ class CaseLibrary:
                 yield name, wrong.get(name, self._reader.damaged.get(name))
 
     def _shard_of(self, case_id: str) -> Shard:
-        seed, _, number = case_id.partition(":")
+        seed, _, number = case_id.partition(":") if ":" in case_id else ("", "", case_id)
         if not self._manifest.shards:
             raise InputError(f"{self._path} holds no case yet, so there is no {case_id}; generate some first.")
         test = int(number) if number.isdecimal() else None
