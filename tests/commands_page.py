@@ -11,16 +11,28 @@ from cornerforge.cli import app
 
 HEAD = """# Commands
 
-All commands, with what `cornerforge COMMAND --help` says. The [start page](../README.md#commands) has one line on
-each command, and the meaning of exit statuses; another page tells [what `--json` prints](results-json.md). This page
-is made from the code (`make golden`).
+All commands, with what `cornerforge COMMAND --help` says and the options that not all of them have. This page is made
+from the code (`make golden`).
+
+- After `make demo`, P in what follows can be `out/demo/policy.safetensors` and LIB `out/demo/library`. cornerforge does
+  not expand `~` in paths; your shell does. `cornerforge --install-completion` lets your shell complete commands,
+  options and names.
+- The same seed gives the same results for any number of threads. `--config FILE` reads options from a TOML file;
+  `provenance.json` in each output keeps the options used.
+- `--json` prints one object ([its keys](results-json.md)) on standard output and nothing else; on standard error long
+  commands show bars, or a line for each stage where there is no terminal, unless `--quiet` is given.
+- Exit status: 0 done, 1 a check failed, 2 wrong usage or input (one plain line says what to do), 130 interrupted with
+  everything finished so far kept, 141 the reader of the output is gone (as in `| head`).
+- Long runs can use [many machines](many-machines.md): `--engine ray` of `simulate`, `generate`, `rate`, `plausibility`
+  and `analyse`.
 """
 COMMON = ("--debug", "--json", "--quiet", "--seed", "--threads")
 
 
 def commands(group: Any, before: str = "") -> Iterator[tuple[str, Any]]:
     """All commands with their full names; those of a group follow it."""
-    for name, command in group.commands.items():
+    for name in group.list_commands(None):
+        command = group.commands[name]
         if hasattr(command, "commands"):
             yield from commands(command, f"{before}{name} ")
         else:
