@@ -40,7 +40,6 @@ export function showFirst(cases: readonly Case[]): void {
 
   function toggle(): void {
     playing = !playing;
-    button.classList.toggle("plays", playing);
     button.querySelector("[aria-hidden]")!.textContent = playing ? "❚❚" : "▶";
     button.querySelector(".word")!.textContent = playing ? "Pause" : "Play";
     button.setAttribute("aria-label", button.getAttribute("aria-label")!.replace(/^\w+/, playing ? "Pause" : "Play"));

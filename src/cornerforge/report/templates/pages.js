@@ -799,7 +799,6 @@
     }
     function toggle() {
       playing = !playing;
-      button.classList.toggle("plays", playing);
       button.querySelector("[aria-hidden]").textContent = playing ? "❚❚" : "▶";
       button.querySelector(".word").textContent = playing ? "Pause" : "Play";
       button.setAttribute("aria-label", button.getAttribute("aria-label").replace(/^\w+/, playing ? "Pause" : "Play"));
