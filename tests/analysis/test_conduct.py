@@ -40,8 +40,15 @@ MADE = {
     "it never brakes": (STEADY, SLOWER, ("does-not-brake", "none")),
     "it brakes 1.5 s late": (STEADY._replace(pulls=((4.0, -2.0),)), SLOWER, ("brakes-late", "none")),
     "it brakes in time and not enough": (
-        STEADY._replace(pulls=((1.5, -0.5), (2.2, -1.2))), SLOWER, ("reacts-late", "none"),
+        STEADY._replace(pulls=((1.5, -0.5), (2.2, -1.2))), SLOWER, ("brakes-weakly", "none"),
     ),
+    "it brakes in time, and enough too late": (
+        STEADY._replace(pulls=((1.5, -0.5), (2.2, -1.1), (6.4, -4.0))), SLOWER, ("reacts-late", "none"),
+    ),
+    "it brakes hard for nothing": (Car(60.0, MIDDLE, 30.0, ((2.0, -6.0),)), Car(25.0, MIDDLE, 30.0),
+                                   ("brakes-hard", "none")),
+    "it brakes for nothing, gently": (Car(60.0, MIDDLE, 30.0, ((2.0, -2.0),)), Car(25.0, MIDDLE, 30.0),
+                                      ("none", "none")),
     "it had braked, and went on": (
         STEADY._replace(pulls=((0.5, -0.8), (2.0, 0.2))), SLOWER, ("stops-heeding", "none"),
     ),
@@ -154,8 +161,7 @@ def test_the_sentence() -> None:
     late, nothing = conducts(brakes_late_ahead=30, none_ahead=70), conducts(none_ahead=70, hesitates_left=1)
     said = in_words(flaws_of(late), [(0.21, 0.4)], late, natural=False)
     assert said == (
-        "This AV brakes late for vehicles ahead: that made 30 % of its crashes (95 % interval 21 % to 40 %; 30 of 100 "
-        "cases)."
+        "This AV brakes late for vehicles ahead, in 30 % of its crashes (95 % interval 21 % to 40 %; 30 of 100 cases)."
     )
     none = in_words([], [], nothing, natural=True)
     assert none == (

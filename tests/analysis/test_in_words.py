@@ -44,9 +44,9 @@ def test_the_whole_sentence() -> None:
     """No rate: how likely a sequence of actions is does not tell how often its kind of crash happens."""
     scenario = scenario_of(CUT_IN)
     assert case_in_words(scenario, avoidance_in_words("by braking", 1.2)) == (
-        "BV cuts in from the right at 31 m; avoidable by braking; last way out 1.2 s before contact"
+        "BV cuts in from the right at 31 m; in hindsight avoidable by braking; last way out 1.2 s before contact"
     )
-    assert avoidance_in_words("unavoidable", 1.2) == "unavoidable"
+    assert avoidance_in_words("unavoidable", 1.2) == "in hindsight unavoidable"
     assert case_in_words(scenario, avoidance_in_words("undecided", None)).endswith("; no way out found, not all tried")
     assert avoidance_in_words(None, None) == ""
     assert case_in_words(scenario, "") == "BV cuts in from the right at 31 m"

@@ -111,15 +111,15 @@ def test_columns_are_those_of_the_files(server: Running, place: Path) -> None:
 
 def test_what_follows_from_the_columns(server: Running) -> None:
     table = columns(server, "prevention", "prevented_by", "held_speed_prevents", "way_out", "time_to_react_s", "often",
-        "crash_type",
-                    "side", "striker")  # fmt: skip
+                    "crash_type", "side", "striker", "manoeuvre")  # fmt: skip
     for row in table.to_pylist():
         by_braking = row["prevented_by"] not in (None, "nobody") and not row["held_speed_prevents"]
         assert (row["prevention"] in ("by braking", "models differ")) == by_braking
         assert (row["prevention"] == "by braking") == (by_braking and row["prevented_by"].count(",") >= 2)
-        assert (row["way_out"] == "after 1 s") == (
-            row["time_to_react_s"] is not None and row["time_to_react_s"] > 0.999999
-        )
+        if row["time_to_react_s"] is not None and row["time_to_react_s"] >= 0.0:
+            in_time = "after 1 s" if row["time_to_react_s"] > 0.999999 else "with a faster reaction"
+            own = row["manoeuvre"] in ("av-moves", "av-brakes")
+            assert row["way_out"] == ("by leaving it out" if own else in_time)
         assert row["side"] == {"rear-end by AV": "front", "rear-end by BV": "rear"}.get(row["crash_type"], row["side"])
         if row["crash_type"] in ("rear-end by AV", "rear-end by BV"):
             assert row["striker"] == row["crash_type"][-2:].lower()

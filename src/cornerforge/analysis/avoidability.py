@@ -18,10 +18,10 @@ from cornerforge._arrow import arrow_fields
 from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge._schema import check_fields, meant
 from cornerforge.counterfactual import (
-    AV_BRAKES,
-    AV_MOVES,
     BRAKING,
     COMBINED,
+    MANOEUVRES,
+    OWN_MANOEUVRES,
     STEERING,
     CaseScratch,
     Manoeuvres,
@@ -356,7 +356,7 @@ def _check_witnesses(ids: Sequence[str], out: WaysOut) -> None:
 
 
 def _labels(out: WaysOut, params: AvoidParams) -> list[str]:
-    reacts = ~np.isin(out.manoeuvre, (AV_MOVES, AV_BRAKES))  # what the AV itself began it can leave out at once
+    reacts = ~np.isin(np.array(list(MANOEUVRES))[out.manoeuvre], OWN_MANOEUVRES)
     in_time = (out.moment >= 0) & (out.moment >= (out.begin + reacts * round(params.delay_s / FRAME_S))[:, None])
     names = np.full(len(in_time), "unavoidable", dtype=object)
     names[out.gave_up != 0] = "undecided"

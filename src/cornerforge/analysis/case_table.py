@@ -22,11 +22,9 @@ from cornerforge.analysis.value import (
     Value,
     avoidability_part,
     novelty_part,
-    own_doing_part,
     severity_part,
     value_of,
 )
-from cornerforge.drivers.careful import CAREFUL
 from cornerforge.fields import SHORTFALL, Field
 from cornerforge.recordings import recordings_of_tracks
 from cornerforge.types import Odd
@@ -39,7 +37,7 @@ _SHARE = (0.0, 1.0 + 1e-9)
 """Range of a share, with room for rounding."""
 
 VALUE_COLUMNS: tuple[Field, ...] = (
-    Field("value_own_doing", "float64", "", "How much it was the AV's own doing, 0 to 1 (docs/adr/0041).", _SHARE),
+    Field("value_own_doing", "float64", "", "1 where the AV did something wrong, else 0 (docs/adr/0069).", _SHARE),
     Field("value_avoidability", "float64", "", "Time to react over 2 s, 0 to 1; null: not looked at.", _SHARE,
           nullable=True),
     Field("value_severity", "float64", "", "1 + log10 P(MAIS 3+ in the AV) / 3, 0 to 1.", _SHARE),
@@ -130,16 +128,6 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
         yield CaseTable(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), witnesses, reacting)
 
 
-def _prevented_by_braking(table: pa.Table) -> NDArray[np.float64]:
-    """Return the share of reference drivers that would have prevented each case by braking, (S,); 0 where unknown."""
-    names, held = table.column("prevented_by").to_pylist(), table.column("held_speed_prevents").to_pylist()
-    by = [
-        0 if who is None or who == "nobody" or enough else who.count(",") + 1
-        for who, enough in zip(names, held, strict=True)
-    ]
-    return np.array(by, np.float64) / len(CAREFUL)
-
-
 def values_of(
     table: pa.Table, points: NDArray[np.float64], weights: dict[str, float] | None = None
 ) -> tuple[pa.Table, Value]:
@@ -161,11 +149,7 @@ def values_of(
     time_to_react[looked & np.isnan(time_to_react)] = -np.inf
     value = value_of(
         {
-            "own_doing": own_doing_part(
-                np.array([name != NO_CONDUCT for name in table.column("conduct").to_pylist()], np.bool_),
-                np.array([who in ("av", "both") for who in table.column("fault").to_pylist()], np.bool_),
-                _prevented_by_braking(table),
-            ),
+            "own_doing": [float(name != NO_CONDUCT) for name in table.column("conduct").to_pylist()],
             "avoidability": avoidability_part(time_to_react),
             "severity": severity_part(_numbers(table, "av_injury_probability")),
             "novelty": novelty_part(points),

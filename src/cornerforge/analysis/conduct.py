@@ -14,11 +14,12 @@ in this order, the first that fits names the case, else "none" (docs/adr/0069-on
    was in the AV's lane, by 0.375 m at least. It had to act when the time to collision fell below 4 s, or when 1.5 m/s2
    of braking were needed, the other's own braking included. Only if 0.8 s later no more than 6 m/s2 were needed:
    `brakes-late` if it began to brake (1 m/s2) more than 0.8 s after; if it never did, `stops-heeding` where its
-   acceleration had risen by 0.5 m/s2 within 0.5 s behind the other, else `does-not-brake`.
+   acceleration had risen by 0.5 m/s2 within 0.5 s behind the other, else `does-not-brake`. `brakes-weakly` if it braked
+   for the last 0.8 s or longer, never with more than 3 m/s2, and 6 m/s2 from when it began would have been enough.
 4. It ran into the rear of one behind which it had followed for 2 s with a time gap of less than 0.8 s, without closing
    in (1 m/s): `too-close`.
-5. `brakes-hard`: struck from behind after it had braked with 3 m/s2 or more within 3 s, where none of the reference
-   drivers saw danger and to keep its speed would have been enough.
+5. `brakes-hard`: struck by one behind it, before which it had braked with 3 m/s2 or more within 3 s, where at least
+   three of the four reference drivers saw no danger and to keep its speed would have been enough.
 6. `reacts-late`: at least three of the four reference drivers would have prevented it by braking.
 
 Cut in by another vehicle too near for most of them, struck from behind or from the side while it kept its lane and
@@ -49,6 +50,7 @@ CONDUCTS: dict[str, str] = {
     "not-behind": "it changes lanes too near in front of another vehicle, or into one beside it that is further back",
     "not-beside": "it changes lanes into a vehicle beside it, or close behind a slower one",
     "brakes-late": "it brakes for a vehicle ahead more than 0.8 s after it had to",
+    "brakes-weakly": "it brakes for a vehicle ahead in time, but with 3 m/s2 at most, all the way into it",
     "stops-heeding": "it runs into a vehicle ahead that it had heeded, without braking",
     "does-not-brake": "it runs into a vehicle ahead without braking",
     "too-close": "it runs into a vehicle that it had followed with a time gap of less than 0.8 s",
@@ -58,7 +60,7 @@ CONDUCTS: dict[str, str] = {
 }
 """Name and meaning of each conduct, by code."""
 NO_CONDUCT = "none"
-_NONE, _HESITATES, _NOT_BEHIND, _NOT_BESIDE, _LATE, _STOPS, _NEVER, _CLOSE, _CUTS_IN, _HARD, _REACTS = range(
+_NONE, _HESITATES, _NOT_BEHIND, _NOT_BESIDE, _LATE, _WEAK, _STOPS, _NEVER, _CLOSE, _CUTS_IN, _HARD, _REACTS = range(
     len(CONDUCTS)
 )
 
@@ -98,7 +100,7 @@ _POSSIBLE = 6.0
 _BRAKES = -1.0
 _RISE, _RISE_FRAMES = 0.5, 5
 _FOLLOWS, _STEADY, _TIME_GAP = 20, 1.0, 0.8
-_HARD_BRAKING = -3.0
+_HARD_BRAKING, _WEAK_BRAKING = -3.0, -3.01
 _CUT_IN = 0.3
 """Time gap that a lane change must leave to the vehicle behind [s]."""
 _NEAR = 0.1
@@ -238,6 +240,30 @@ def _needed(p: _Pair, t: int) -> tuple[float, bool]:
 
 
 @inlined_kernel
+def _brakes_weakly(p: _Pair, first: int) -> int:
+    """Find when braking began that was too weak, where 6 m/s2 would have been enough; -1: it did not."""
+    last = p.av_x.size - 1
+    begin = last
+    while begin > first:
+        change = (p.av_speed[begin] - p.av_speed[begin - 1]) / FRAME_S
+        if change > _BRAKES or change < _WEAK_BRAKING:
+            break
+        begin -= 1
+    braked_harder = begin > first and p.av_speed[begin] - p.av_speed[begin - 1] < _WEAK_BRAKING * FRAME_S
+    if last - begin < _READY or braked_harder or p.free_along[last - 1] <= 0.0:
+        return -1
+    x, speed = p.av_x[begin], p.av_speed[begin]
+    for t in range(begin + 1, last + 1):
+        slower = max(0.0, speed - _POSSIBLE * FRAME_S)
+        x, speed = x + 0.5 * (speed + slower) * FRAME_S, slower
+        room = p.free_along[t] + p.av_x[t] - x
+        if room <= 0.0:
+            return -1
+    closing = max(0.0, speed - p.bv_speed[last])
+    return begin if closing * closing <= 2.0 * _POSSIBLE * room else -1
+
+
+@inlined_kernel
 def _into_the_rear(p: _Pair, in_path: int, meeting: int, first: int) -> tuple[int, int]:
     """Judge a crash into the rear of one that was in the AV's path: conduct and frame of its begin (rules 3 and 4).
 
@@ -259,6 +285,9 @@ def _into_the_rear(p: _Pair, in_path: int, meeting: int, first: int) -> tuple[in
             return _NEVER, must
         if brakes - must > _READY:
             return _LATE, must
+    weakly = _brakes_weakly(p, first)
+    if weakly >= 0:
+        return _WEAK, weakly
     if must - meeting >= _FOLLOWS:
         close, steady = 0.0, 0.0
         for t in range(must - _FOLLOWS, must):
@@ -299,10 +328,11 @@ def _judge(p: _Pair, first: int, lane_width: float) -> tuple[int, int, int]:
 
 @inlined_kernel
 def _brakes_hard(p: _Pair, first: int) -> int:
-    """Find when the AV, struck from behind, began to brake hard within the last 3 s (rule 5); -1: it did not."""
+    """Find when the AV began to brake hard before the other behind it, within the last 3 s (rule 5); -1: it did not."""
     last = p.av_x.size - 1
     for t in range(max(first, last - _RECENT), last):
-        if p.bv_x[last] < p.av_x[last] and p.av_speed[t + 1] - p.av_speed[t] <= _HARD_BRAKING * FRAME_S:
+        is_behind = p.bv_x[t] < p.av_x[t] and p.free_along[t] > 0.0
+        if is_behind and p.av_speed[t + 1] - p.av_speed[t] <= _HARD_BRAKING * FRAME_S:
             return t
     return -1
 
@@ -356,8 +386,8 @@ class Conduct:
 
     @property
     def slow(self) -> NDArray[np.bool_]:
-        """Mark the cases in which it braked too late or not at all (rule 3), bool (S,)."""
-        return np.isin(self.code, (_LATE, _STOPS, _NEVER))
+        """Mark the cases in which it braked too late, too weakly or not at all (rule 3), bool (S,)."""
+        return np.isin(self.code, (_LATE, _WEAK, _STOPS, _NEVER))
 
     @property
     def begun(self) -> NDArray[np.bool_]:

@@ -24,6 +24,7 @@ FLAWS: dict[str, str] = {
     "not-left": "does not see its left side",
     "not-right": "does not see its right side",
     "brakes-late": "brakes late for vehicles ahead",
+    "brakes-weakly": "brakes too weakly for vehicles ahead",
     "forgets": "forgets vehicles ahead that it had heeded",
     "does-not-brake": "does not brake for vehicles ahead",
     "too-close": "keeps too little distance",
@@ -38,7 +39,8 @@ LEAST_CASES, LEAST_SHARE = 3, 0.02
 """A flaw shows in at least so many cases, and in this share of all crashes."""
 _CHANGES, _INTO_REAR = ("not-behind", "not-beside", "cuts-in"), ("stops-heeding", "does-not-brake")
 _REACTS = ("reacts-late",)
-_GROUPS = (("hesitates",), _CHANGES, ("brakes-late",), _INTO_REAR, ("too-close",), ("brakes-hard",), _REACTS)
+_ALONE = ("hesitates", "brakes-late", "brakes-weakly", "too-close", "brakes-hard")
+_GROUPS = (*((name,) for name in _ALONE), _CHANGES, _INTO_REAR, _REACTS)
 _MANY, _HALF, _NEARLY_ALL = 0.2, 0.5, 0.8
 """Shares of the cases of a group in which one of its conducts must show to name the flaw."""
 _ONE_SIDE, _SIDED_CASES = 0.95, 8
@@ -106,7 +108,7 @@ def in_words(flaws: Sequence[Flaw], intervals: Sequence[Sequence[float]], conduc
         return f"{_NOTHING}, in {n:,} {kind}.{some}"
     first, (low, high) = flaws[0], intervals[0]
     text = (
-        f"This AV {FLAWS[first.name]}: that made {_percent(first.share)} of its {kind} (95 % interval "
+        f"This AV {FLAWS[first.name]}, in {_percent(first.share)} of its {kind} (95 % interval "
         f"{_percent(low)} to {_percent(high)}; {first.cases.size:,} of {n:,} cases)."
     )
     if len(flaws) > 1:

@@ -67,7 +67,7 @@ def _hardest(scenario: Scenario, frame: int, column: int, start: int) -> float:
 
 
 def avoidance_in_words(label: str | None, latest_s: float | None) -> str:
-    """Say for example "avoidable by braking; last way out 1.2 s before contact"; "" where it was not looked for.
+    """Say for example "in hindsight avoidable by braking; last way out 1.2 s before contact"; "": nobody looked.
 
     The last way out is the latest of any kind, everywhere: for "by braking" it may begin with a lane change.
 
@@ -76,16 +76,16 @@ def avoidance_in_words(label: str | None, latest_s: float | None) -> str:
         latest_s: `avoidability.Avoidability.latest_s`, column `latest_any_s`.
 
     >>> avoidance_in_words("by both", 0.8)
-    'avoidable by braking or steering; last way out 0.8 s before contact'
+    'in hindsight avoidable by braking or steering; last way out 0.8 s before contact'
     """
     if label is None:
         return ""
     if label == "unavoidable":
-        return "unavoidable"
+        return "in hindsight unavoidable"
     if label == "undecided":
         return "no way out found, not all tried"
     how = {"by both": "by braking or steering", "by combination": "by braking and steering together"}.get(label, label)
-    return f"avoidable {how}; last way out {latest_s:.1f} s before contact"
+    return f"in hindsight avoidable {how}; last way out {latest_s:.1f} s before contact"
 
 
 def case_in_words(scenario: Scenario, avoidance: str) -> str:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer, check_number
 from cornerforge.analysis.avoidability import AvoidParams, manoeuvres_of, problem_of
 from cornerforge.counterfactual import (
-    AV_BRAKES,
     MANOEUVRES,
     Judgements,
     JudgeScratch,
@@ -139,7 +138,7 @@ class Prevention:
         braking: Hardest braking [m/s2], (C, drivers).
         reacts: Where at least `MOST` of them prevent it by braking: frames before the contact at which the last of
             these saw danger; else -1, int64 (C,).
-        calm: None of them saw danger before the contact, (C,).
+        calm: At least `MOST` of them saw no danger before the contact, (C,).
     """
 
     judged: NDArray[np.bool_]
@@ -153,8 +152,8 @@ class Prevention:
 
     @property
     def needless(self) -> NDArray[np.bool_]:
-        """Mark the cases that began with braking of the AV for which no driver saw a need, bool (C,)."""
-        return np.asarray((self.manoeuvre == AV_BRAKES) & self.held & self.calm)
+        """Mark the cases in which the AV's speed would have been enough and most drivers saw no danger, bool (C,)."""
+        return self.held & self.calm
 
     def ways(self, slow: NDArray[np.bool_], begun: NDArray[np.bool_]) -> NDArray[np.str_]:
         """Say of each case what would have prevented it, one of `PREVENTION`, (C,).
@@ -228,7 +227,7 @@ def prevention_of(
     return Prevention(
         judged, out.manoeuvre, untouched[:, :HOLDS], untouched[:, HOLDS], out.least_ttc[:, :HOLDS],
         out.braking[:, :HOLDS], np.where(brakes.sum(axis=1) >= MOST, np.maximum(seen, 0), -1),
-        ~np.any((out.reacted[:, :HOLDS] >= 0) & (out.reacted[:, :HOLDS] <= recordings.last[:, None]), axis=1),
+        ((out.reacted[:, :HOLDS] < 0) | (out.reacted[:, :HOLDS] > recordings.last[:, None])).sum(axis=1) >= MOST,
     )  # fmt: skip
 
 

@@ -24,7 +24,6 @@ __all__ = [
     "Value",
     "avoidability_part",
     "novelty_part",
-    "own_doing_part",
     "severity_part",
     "value_of",
 ]
@@ -49,29 +48,6 @@ def avoidability_part(time_to_react_s: ArrayLike) -> NDArray[np.float64]:
     [0.0, 0.5, 1.0]
     """
     return np.clip(np.asarray(time_to_react_s, np.float64) / REACTION_S, 0.0, 1.0)
-
-
-AT_FAULT = 0.5
-"""Part of a case in which the AV broke a rule of RSS and did nothing else wrong."""
-
-
-def own_doing_part(
-    conduct: NDArray[np.bool_], at_fault: NDArray[np.bool_], prevented: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Rate how much the crash was the AV's own doing: the largest of three.
-
-    Args:
-        conduct: Did it do something wrong (`analysis.conduct`), shape (S,); it counts 1.
-        at_fault: Did it break a rule of RSS, shape (S,); it counts 0.5.
-        prevented: Share of the reference drivers that would have prevented the crash by braking, shape (S,), in [0, 1].
-
-    Returns:
-        Shape (S,), in [0, 1].
-
-    >>> own_doing_part(np.array([True, False]), np.array([True, True]), np.array([0.0, 0.75])).tolist()
-    [1.0, 0.75]
-    """
-    return np.maximum(np.where(conduct, 1.0, np.where(at_fault, AT_FAULT, 0.0)), prevented)
 
 
 def severity_part(injury_probability: ArrayLike) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from cornerforge._doors import door
 
 if TYPE_CHECKING:
-    from cornerforge.counterfactual.begin import AV_BRAKES, AV_MOVES, MANOEUVRES
+    from cornerforge.counterfactual.begin import MANOEUVRES, OWN_MANOEUVRES
     from cornerforge.counterfactual.braking import Braking, is_avoidable
     from cornerforge.counterfactual.careful import (
         Judgements,
@@ -34,11 +34,10 @@ if TYPE_CHECKING:
     from cornerforge.counterfactual.search import BRAKING, COMBINED, STEERING, Manoeuvres
 
 __all__ = [
-    "AV_BRAKES",
-    "AV_MOVES",
     "BRAKING",
     "COMBINED",
     "MANOEUVRES",
+    "OWN_MANOEUVRES",
     "STEERING",
     "Braking",
     "CaseScratch",
@@ -62,9 +61,8 @@ FOR_PROGRAMS = ("BRAKING", "COMBINED", "STEERING")
 __getattr__ = door(
     "cornerforge.counterfactual",
     {
-        "AV_BRAKES": "begin",
-        "AV_MOVES": "begin",
         "MANOEUVRES": "begin",
+        "OWN_MANOEUVRES": "begin",
         "BRAKING": "search",
         "COMBINED": "search",
         "STEERING": "search",

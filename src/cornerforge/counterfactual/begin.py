@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from cornerforge.road.straight import RoadNumbers
 
-__all__ = ["APPROACH", "AV_BRAKES", "AV_MOVES", "MANOEUVRES", "manoeuvre_begin"]
+__all__ = ["APPROACH", "AV_BRAKES", "AV_MOVES", "MANOEUVRES", "OWN_MANOEUVRES", "manoeuvre_begin"]
 
 MANOEUVRES: dict[str, str] = {
     "other-moves": "the other vehicle moves sideways, turning back included",
@@ -28,6 +28,8 @@ MANOEUVRES: dict[str, str] = {
     "approach": "the one behind is faster",
 }
 """What led to a crash, and its meaning, by code."""
+OWN_MANOEUVRES = ("av-moves", "av-brakes")
+"""What the AV itself began, and can leave out without time to react."""
 OTHER_MOVES, OTHER_BRAKES, AV_MOVES, AV_BRAKES, APPROACH = range(len(MANOEUVRES))
 
 _RECENT = 10

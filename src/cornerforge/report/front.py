@@ -55,10 +55,11 @@ class Look:
 
 @dataclass(frozen=True)
 class Front:
-    """The first screen."""
+    """The first screen, and what the section on careful drivers says of the page's library ("": nothing)."""
 
     answers: tuple[Answer, ...]
     look: Look | None
+    careful: str
 
 
 @dataclass(frozen=True)
@@ -84,8 +85,11 @@ class Known:
 
 def front_of(known: Known) -> Front:
     """Make the first screen."""
+    own = _prevented(known, own=True)
     return Front(
-        (_what(known), how_often(known.road, known.kinds, adversary=known.adversary), _careful(known)), _look(known)
+        (_what(known), how_often(known.road, known.kinds, adversary=known.adversary), _careful(known)),
+        _look(known),
+        "" if own is None else f"{text.share(own[0].share)} {_parts(own, 'cases')}",
     )
 
 
@@ -119,7 +123,7 @@ def _made(known: Known) -> str:
 def _flaws(doing: OwnDoing, kind: str) -> str:
     first, n = doing.flaws[0], sum(doing.conducts.values())
     words = (
-        f"That made {text.share(first.share)} of its {kind} ({_range(*first.interval95)}; {text.count(first.cases)} of "
+        f"In {text.share(first.share)} of its {kind} ({_range(*first.interval95)}; {text.count(first.cases)} of "
         f"n = {text.count(n)})."
     )
     if len(doing.flaws) > 1:
@@ -212,35 +216,37 @@ def _ways_out(known: Known) -> _Share | None:
     return _Share(kinds.avoidable.share, low, high, n)
 
 
-def _prevented(known: Known) -> tuple[_Share, float, float] | None:
-    """Share that a careful driver would have prevented; of it by braking, and by leaving out what the AV began."""
+_Prevented = tuple[_Share, float, float]
+
+
+def _prevented(known: Known, *, own: bool) -> _Prevented | None:
+    """Share of natural cases, or of the page's own, that a careful driver would have prevented; and its two parts."""
     cases = known.cases
-    if cases is not None and cases.judged.any():
+    if cases is not None and cases.judged.any() and not (own and known.natural is not known.analysis):
         braking, left_out = (cases.prevention == how for how in CAREFULLY)
-        return (
-            _natural_share(cases, braking | left_out),
-            _natural_share(cases, braking).share,
-            _natural_share(cases, left_out).share,
-        )
+        one, *parts = (_natural_share(cases, some) for some in (braking | left_out, braking, left_out))
+        return one, parts[0].share, parts[1].share
     found = known.analysis.prevented
-    if known.natural is not None or found is None or found.careful is None:
+    if (known.natural is not None and not own) or found is None or found.careful is None:
         return None
     n, k, braked = found.cases, found.careful.cases, found.careful.by_braking
     return _Share(k / n, *binomial_interval(k, n), n), braked / n, (k - braked) / n
 
 
+def _parts(found: _Prevented, kind: str) -> str:
+    braking, left_out = map(text.share, found[1:])
+    return f"({found[0].words} {kind}; {DRIVERS}): {braking} by braking, {left_out} by leaving out what the AV began."
+
+
 def _careful(known: Known) -> Answer:
     question = "Would a careful driver have prevented it?"
-    ways, prevented = _ways_out(known), _prevented(known)
+    ways, prevented = _ways_out(known), _prevented(known, own=False)
     kind = "natural crashes" if known.natural is not None else _made(known)
     words, short = [], ""
     if prevented is not None:
-        all_, braking, left_out = prevented
-        short = f"In {text.share(all_.share)} of them" if all_.share > 0.0 else "None of them"
-        words.append(
-            f"({all_.words} {kind}; {DRIVERS}): {text.share(braking)} by braking, {text.share(left_out)} by leaving "
-            "out what the AV began."
-        )
+        share = prevented[0].share
+        short = f"In {text.share(share)} of them" if share > 0.0 else "None of them"
+        words.append(_parts(prevented, kind))
     if ways is not None:
         reaction = (known.natural or known.analysis).judges.lead.reaction_s  # type: ignore[union-attr]
         words.append(

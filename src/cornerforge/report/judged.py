@@ -18,20 +18,10 @@ from cornerforge.results import Analysed
 from cornerforge.results.analysis import FAULTS, Avoidability, Coverage, OwnDoing, Prevented
 
 __all__ = [
-    "CONDUCT_WORDS",
-    "FAULT_WORDS",
-    "JUDGED",
-    "CaseJudgement",
-    "avoided_kinds",
-    "conducts_in_words",
-    "faults_in_words",
-    "judgement_of",
-    "kind_counts",
-    "prevented_kinds",
-    "read_case_judgements",
-    "read_table",
+    "CONDUCT_WORDS", "FAULT_WORDS", "JUDGED", "PREVENTION_WORDS", "CaseJudgement", "avoided_kinds", "conducts_in_words",
+    "faults_in_words", "judgement_of", "kind_counts", "prevented_kinds", "read_case_judgements", "read_table",
     "verdict",
-]
+]  # fmt: skip
 
 
 FAULT_WORDS = dict(zip(FAULTS, ("the AV", "the other", "both", "nobody"), strict=True))
@@ -75,26 +65,16 @@ def avoided_kinds(found: Avoidability) -> dict[str, int]:
     return found.labels | ({"cannot be judged": found.not_judged} if found.not_judged else {})
 
 
-CONDUCT_WORDS = dict(
-    zip(
-        CONDUCTS,
-        (
-            "nothing",
-            "hesitates",
-            "looks not behind",
-            "looks not beside",
-            "brakes late",
-            "forgets",
-            "does not brake",
-            "too close",
-            "cuts in",
-            "brakes hard for nothing",
-            "reacts late",
-        ),
-        strict=True,
-    )
-)
+CONDUCT_WORDS = dict(zip(CONDUCTS, (
+    "nothing", "hesitates", "looks not behind", "looks not beside", "brakes late", "brakes too weakly", "forgets",
+    "does not brake", "too close", "cuts in", "brakes hard for nothing", "reacts late",
+), strict=True))  # fmt: skip
 """Mistakes of the AV, in a few words."""
+PREVENTION_WORDS = dict(zip(PREVENTION, (
+    "a careful driver, by braking", "a careful driver, by not beginning it", "another speed, by chance",
+    "models of a careful driver differ", "no careful driver", "not judged",
+), strict=True))  # fmt: skip
+"""What would have prevented a crash, in a few words."""
 
 
 def conducts_in_words(found: OwnDoing, words: Mapping[str, str] = CONDUCT_WORDS) -> dict[str, int]:
@@ -196,6 +176,9 @@ def _conduct_in_words(known: CaseJudgement) -> str:
     return f" The AV's own doing, from {known.conduct_s:.1f} s before contact: {CONDUCTS[known.conduct]}."
 
 
+_NOBODY = "No careful driver would have prevented it."
+
+
 def _prevented_in_words(known: CaseJudgement) -> str:
     """Say whether a careful driver would have prevented a case; "" where it was not judged."""
     models = "" if known.prevented_by == "nobody" else f", as {known.prevented_by} would"
@@ -205,7 +188,11 @@ def _prevented_in_words(known: CaseJudgement) -> str:
         PREVENTION[2]: " The speed that it then had would have been enough, but no care would have told so.",
         PREVENTION[3]: f" Models of a careful driver differ: only {known.prevented_by} would have prevented it by "
         "braking.",
-        PREVENTION[4]: " No careful driver would have prevented it.",
+        PREVENTION[4]: (
+            " No careful driver would have prevented it."
+            if known.conduct == NO_CONDUCT
+            else " To leave that out would not have prevented the crash."
+        ),
     }.get(known.prevention or NOT_JUDGED, "")
 
 
@@ -216,12 +203,13 @@ def _way_in_words(known: CaseJudgement) -> str:
     """Say until when the AV could have avoided a case that was searched for a way out."""
     last = "" if known.latest_s is None else f"{known.latest_s:.1f} s before contact"
     if known.avoidability == "undecided":
-        return "No way out of the AV was found, but not all could be tried."
+        return "In hindsight, no way out of the AV was found, but not all could be tried."
     if known.avoidability == "unavoidable":
         if known.latest_s is None:
-            return "Unavoidable: the AV had no way out in the time looked at."
+            return "In hindsight unavoidable: the AV had no way out in the time looked at."
         foreseen = known.manoeuvre_s is not None and known.latest_s > known.manoeuvre_s
         when = "before the manoeuvre, so that it had to foresee it" if foreseen else "within its reaction time"
-        return f"Unavoidable: the AV's last way out began {last}, {when}."
+        return f"In hindsight unavoidable: the AV's last way out began {last}, {when}."
     how = _HOW.get(str(known.avoidability), known.avoidability)
-    return f"The AV could have avoided the crash {how}" + (f"; its last way out began {last}." if last else ".")
+    ends = f"; its last way out began {last}." if last else "."
+    return f"In hindsight, the AV could have avoided it {how}{ends}"

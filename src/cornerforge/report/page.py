@@ -23,6 +23,7 @@ from cornerforge.report.cases import case_data, load_scenarios
 from cornerforge.report.front import Front, Known, Look, front_of, how_often
 from cornerforge.report.judged import (
     FAULT_WORDS,
+    PREVENTION_WORDS,
     avoided_kinds,
     conducts_in_words,
     faults_in_words,
@@ -394,6 +395,7 @@ def _render(
         prefix="" if artefacts.natural_library == artefacts.library else NATURAL,
         kind_in_words=kind_in_words,
         fault_words=FAULT_WORDS,
+        prevention_words=PREVENTION_WORDS,
         parts=PARTS,
         played={case["id"] for case in cases},
         kinds=kinds,

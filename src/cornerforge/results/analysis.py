@@ -179,9 +179,8 @@ class TopCase(Declared):
     prevented_by: Annotated[
         str | None, meant('Reference drivers that would have prevented it, or "nobody"; missing: nobody looked.')
     ] = None
-    held_speed_prevents: Annotated[
-        bool | None, meant("Would holding the speed have been enough? Missing: nobody looked.")
-    ] = None
+    held_speed_prevents: Annotated[bool | None, meant("Would holding the speed do? Missing: nobody looked.")] = None
+    prevention: Annotated[str | None, meant("What would have prevented it; missing: nobody looked.")] = None
     conduct: Annotated[
         str | None, meant('What the AV did wrong, of `analysis.conduct.CONDUCTS`, or "none"; missing: nobody looked.')
     ] = None

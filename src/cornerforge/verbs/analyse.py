@@ -230,7 +230,9 @@ def _strings(table: pa.Table, name: str) -> list[str | None]:
 
 def _own(table: pa.Table) -> NDArray[np.bool_]:
     """Mark the cases in which the AV itself began the manoeuvre that led to the crash."""
-    return np.array([value in ("av-moves", "av-brakes") for value in _strings(table, "manoeuvre")], np.bool_)
+    from cornerforge.counterfactual import OWN_MANOEUVRES
+
+    return np.array([value in OWN_MANOEUVRES for value in _strings(table, "manoeuvre")], np.bool_)
 
 
 def _counts(values: list[str | None]) -> dict[str, int]:
@@ -441,6 +443,7 @@ def _top(cases: CaseLibrary, found: Analysis, table: pa.Table, value: Value, row
                 "fault": known["fault"],
                 "prevented_by": known["prevented_by"],
                 "held_speed_prevents": known["held_speed_prevents"],
+                "prevention": known["prevention"],
                 "conduct": known["conduct"],
                 "text": words,
             }

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cornerforge.analysis.crash_types import CRASH_TYPES
 from cornerforge.analysis.variety import crash_cells
+from cornerforge.counterfactual import OWN_MANOEUVRES
 from cornerforge.errors import InputError
 from cornerforge.ext.explorer.sources import Analysis, Source
 from cornerforge.ext.explorer.words import VALUES, label_of
@@ -174,9 +175,9 @@ def _derived(source: Source, analysis: Analysis | None, table: pa.Table, part: _
     made |= _cells(source, table)
     if analysis is None:
         return made
-    label, react, last = (_values(part, name) for name in ("avoidability", "time_to_react_s", "latest_any_s"))
-    if label is not None and react is not None and last is not None:
-        made["way_out"] = pa.array([_way_out(*of_case) for of_case in zip(label, react, last, strict=True)])
+    label, react, began = (_values(part, name) for name in ("avoidability", "time_to_react_s", "manoeuvre"))
+    if label is not None and react is not None and began is not None:
+        made["way_out"] = pa.array([_way_out(*of_case) for of_case in zip(label, react, began, strict=True)])
     roles = _roles(analysis)
     made["role"] = pa.array([roles.get(case, "none") for case in table["case_id"].to_pylist()], pa.string())
     return made
@@ -189,15 +190,17 @@ def _values(part: _Part, name: str) -> list[Any] | None:
     return values
 
 
-def _way_out(label: str | None, react: float | None, last: float | None) -> str:
+def _way_out(label: str | None, react: float | None, began: str | None) -> str:
     if label is None:
         return "not looked for"
     if label == "undecided":
         return "undecided"
-    if last is None or last != last or react is None or react != react:
+    if react is None or react != react:
         return "none"
     if react < -_SLIVER:
         return "with foresight"
+    if began in OWN_MANOEUVRES:
+        return "by leaving it out"
     return "after 1 s" if react >= _LEAD_S - _SLIVER else "with a faster reaction"
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from cornerforge.report.judged import CONDUCT_WORDS
+from cornerforge.report.judged import CONDUCT_WORDS, PREVENTION_WORDS
 from cornerforge.report.kinds import KINDS
 
 __all__ = ["KINDS", "VALUES", "label_of"]
@@ -12,15 +12,9 @@ __all__ = ["KINDS", "VALUES", "label_of"]
 
 VALUES: dict[str, dict[str, str]] = {
     "source": {"natural": "natural traffic", "adversary": "made by the adversary", "scripted": "scripted"},
-    "prevention": {
-        "by braking": "a careful driver, by braking",
-        "by leaving it out": "a careful driver, by not beginning it",
-        "another speed": "another speed, by chance",
-        "models differ": "models of a careful driver differ",
-        "nobody": "no careful driver",
-        "not judged": "not judged",
-    },
+    "prevention": dict(PREVENTION_WORDS),
     "way_out": {
+        "by leaving it out": "yes, of what the AV itself began",
         "after 1 s": "yes, even 1 s after it began",
         "with a faster reaction": "yes, within 1 s after it began",
         "with foresight": "only before it began",
