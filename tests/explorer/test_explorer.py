@@ -339,7 +339,7 @@ def test_the_first_card_is_the_most_frequent_that_a_careful_driver_prevents(exhi
 @pytest.mark.parametrize(
     ("word", "title", "told"),
     [
-        ("by leaving it out", "that a careful driver would have prevented", "would not have begun"),
+        ("by leaving it out", "that a careful driver would have prevented", "would have left out what the AV began"),
         ("nobody", "No crash here would have been prevented by a careful driver", "the most frequent one of 30"),
         ("not judged", "The most frequent crash", "Nobody looked whether"),
     ],

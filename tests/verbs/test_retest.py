@@ -62,6 +62,7 @@ def test_the_same_av_crashes_in_the_same_cases(swerve_library: Path) -> None:
     assert said.same_av
     assert said.recorded.fixed == 0
     assert "the same AV" in retest_text(said)
+    assert "nothing is compared, only driven again" in retest_text(said)
 
 
 def test_what_rounding_takes_is_not_called_fixed(swerve_library: Path, tmp_path: Path) -> None:

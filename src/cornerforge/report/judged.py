@@ -18,9 +18,9 @@ from cornerforge.results import Analysed
 from cornerforge.results.analysis import FAULTS, Avoidability, Coverage, OwnDoing, Prevented
 
 __all__ = [
-    "CONDUCT_WORDS", "FAULT_WORDS", "JUDGED", "PREVENTION_WORDS", "CaseJudgement", "avoided_kinds", "conducts_in_words",
-    "faults_in_words", "judgement_of", "kind_counts", "prevented_kinds", "read_case_judgements", "read_table",
-    "verdict",
+    "BY_CAREFUL", "CONDUCT_WORDS", "FAULT_WORDS", "JUDGED", "PREVENTION_WORDS", "CaseJudgement", "avoided_kinds",
+    "conducts_in_words", "faults_in_words", "judgement_of", "kind_counts", "prevented_kinds", "read_case_judgements",
+    "read_table", "verdict",
 ]  # fmt: skip
 
 
@@ -176,6 +176,11 @@ def _conduct_in_words(known: CaseJudgement) -> str:
     return f" The AV's own doing, from {known.conduct_s:.1f} s before contact: {CONDUCTS[known.conduct]}."
 
 
+BY_CAREFUL = {
+    PREVENTION[0]: "A careful driver would have prevented it by braking.",
+    PREVENTION[1]: "A careful driver would have left out what the AV began.",
+}
+"""What a careful driver would have done, by `PREVENTION`."""
 _NOBODY = "No careful driver would have prevented it."
 
 
@@ -183,8 +188,8 @@ def _prevented_in_words(known: CaseJudgement) -> str:
     """Say whether a careful driver would have prevented a case; "" where it was not judged."""
     models = "" if known.prevented_by == "nobody" else f", as {known.prevented_by} would"
     return {
-        PREVENTION[0]: f" A careful driver would have prevented it by braking{models}.",
-        PREVENTION[1]: " A careful driver would have left that out.",
+        PREVENTION[0]: f" {BY_CAREFUL[PREVENTION[0]].removesuffix('.')}{models}.",
+        PREVENTION[1]: f" {BY_CAREFUL[PREVENTION[1]]}",
         PREVENTION[2]: " The speed that it then had would have been enough, but no care would have told so.",
         PREVENTION[3]: f" Models of a careful driver differ: only {known.prevented_by} would have prevented it by "
         "braking.",

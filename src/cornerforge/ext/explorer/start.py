@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from cornerforge.analysis.first_case import what_to_see_first
 from cornerforge.analysis.flaw import FLAWS, headline
-from cornerforge.analysis.prevented import CAREFULLY, NOT_JUDGED, PREVENTION
+from cornerforge.analysis.prevented import CAREFULLY, NOT_JUDGED
 from cornerforge.ext.explorer.columns import CaseTable
 from cornerforge.ext.explorer.sources import Analysis, Source
 from cornerforge.ext.explorer.words import KINDS, VALUES
 from cornerforge.intervals import weighted_interval
 from cornerforge.report import text
+from cornerforge.report.judged import BY_CAREFUL
 
 __all__ = ["cards", "headline_of", "miles_of"]
 
@@ -113,12 +114,6 @@ def _card(title: str, key: str, told: str, often: str = "", filters: Mapping[str
     return {"title": title, "case": key, "text": told, "often": often, "filters": dict(filters or {})}
 
 
-_BY = {
-    PREVENTION[0]: "A careful driver in the AV's place would have prevented this one by braking.",
-    PREVENTION[1]: "A careful driver in the AV's place would not have begun what led to this one.",
-}
-
-
 def _most_frequent(cases: _Cases) -> dict[str, Any] | None:
     """The most frequent kind among the natural crashes that a careful driver would have prevented."""
     often = cases.numbers("often")
@@ -133,7 +128,7 @@ def _most_frequent(cases: _Cases) -> dict[str, Any] | None:
     filters = {"f.source": cases.name, f"f.{column}": found.kind}
     if prevented:
         title = "The most frequent crash that a careful driver would have prevented"
-        end = _BY[str(prevention[found.row])]
+        end = BY_CAREFUL[str(prevention[found.row])]
         filters["f.prevention"] = "|".join(CAREFULLY)
     elif (prevention[known] == NOT_JUDGED).all():
         title, end = "The most frequent crash", "Nobody looked whether a careful driver would have prevented it."
@@ -179,7 +174,9 @@ def _most_severe(cases: _Cases, but: str | None) -> dict[str, Any] | None:
     """
     injury, prevention = cases.numbers("av_injury_probability"), cases.texts("prevention")
     rows = [
-        row for row in np.flatnonzero(np.isfinite(injury)).tolist() if prevention[row] in _BY and cases.key(row) != but
+        row
+        for row in np.flatnonzero(np.isfinite(injury)).tolist()
+        if prevention[row] in CAREFULLY and cases.key(row) != but
     ]
     if not rows:
         return None
@@ -188,7 +185,7 @@ def _most_severe(cases: _Cases, but: str | None) -> dict[str, Any] | None:
     speed = cases.numbers("impact_speed_mps")[row]
     told = (
         f"{_sentence(column, str(cases.texts(column)[row]))} They meet at {speed:.0f} m/s ({_KMH * speed:.0f} km/h) "
-        f"relative to each other. {_BY[str(prevention[row])]}"
+        f"relative to each other. {BY_CAREFUL[str(prevention[row])]}"
     )
     filters = {"f.source": cases.name, "f.prevention": "|".join(CAREFULLY)}
     return _card("The most severe crash that a careful driver would have prevented", cases.key(row), told, "", filters)

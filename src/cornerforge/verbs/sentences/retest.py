@@ -36,15 +36,17 @@ def retest_text(r: Retested) -> str:
             )
         if part.left_out:
             told += f"; left out {part.left_out:,} in which an AV failed"
-        if part.rate_difference is not None and part.interval95 is not None and part.verdict is not None:
+        if not r.same_av and part.rate_difference is not None and part.interval95 is not None and part.verdict:
             low, high = part.interval95
             told += f"; difference {part.rate_difference:+.4g} per test ({low:+.4g} to {high:+.4g}); "
             told += _WORDS[part.verdict]
         lines.append(told)
-    if r.note is not None:
+    if r.note is not None and not r.same_av:
         lines.append(f"  {r.note}")
     lines += _named(r)
-    lines.append("It got WORSE." if r.got_worse else "It did not get worse, as far as these tests can tell.")
+    alike = f"{r.av} is the AV that made these cases: nothing is compared, only driven again."
+    unsure = alike if r.same_av else "It did not get worse, as far as these tests can tell."
+    lines.append("It got WORSE." if r.got_worse else unsure)
     return "\n".join(lines)
 
 

@@ -43,7 +43,7 @@ const GROUPS: readonly Group[] = [
     more: /^(log_prob|shortfall|excess|n_decisions)/,
   },
   {
-    title: "Whose fault",
+    title: "What it did wrong, and who broke a rule of RSS",
     first: { fault: null, fault_rule: null, fault_s: "rule broken, before contact", conduct: null, conduct_s: "it began, before contact" },
     more: /^(av_rule|av_fault|bv_rule|bv_fault|blame|conduct)/,
   },
