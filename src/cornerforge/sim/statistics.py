@@ -420,10 +420,9 @@ def count_choices(w: World, road: RoadNumbers, counts: Counts) -> None:
         acceleration = 0.0
         if v[i].action >= FIRST_ACCELERATION:
             acceleration = _ACCELERATIONS[v[i].action - FIRST_ACCELERATION]
-        else:
+        elif w.seen[i].lanes & (1 << v[i].target_lane) == 0:  # to turn back is no lane change
             counts.totals[LANE_CHANGES] += 1
-            if w.seen[i].lanes & (1 << v[i].target_lane) == 0:
-                _count_accepted(w, i, v[i].target_lane, counts)
+            _count_accepted(w, i, v[i].target_lane, counts)
         _count(counts, 4, acceleration)
         row = FOLLOWING_ACCELERATION if w.seen[i].as_what == _FOLLOWING else FREE_ACCELERATION
         _count_joint(counts, row, w.seen[i].speed, acceleration)

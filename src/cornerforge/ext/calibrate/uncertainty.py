@@ -66,10 +66,10 @@ UNCERTAIN: tuple[Uncertain, ...] = (
     Uncertain("initial", "signal_share", 0.15, "one published share; 0.6 and 0.75 were tried (ADR 24)", 1.0),
     Uncertain("initial", "desire_share", 0.30, "chosen with simulated traffic in view (ADR 24)", 1.0),
     Uncertain("lane_change", "rate", 0.30, "published 0.36 and 0.20 changes a mile (Lee 2004, Krajewski 2018)", 0.5),
-    Uncertain("lane_change", "misjudge", 0.40, "closing cut-ins are half as frequent as recorded ones (ADR 24)", 1.0),
-    Uncertain("lane_change", "rear_standstill", 0.15, "matched by hand to recorded cut-ins (ADR 24)"),
+    Uncertain("lane_change", "misjudge", 0.40, "closing cut-ins are two thirds of recorded ones (ADR 70)", 1.0),
+    Uncertain("lane_change", "rear_standstill", 0.15, "matched to recorded cut-ins (ADR 70)"),
     Uncertain("lane_change", "lead_standstill", 0.15, "matched by hand to recorded cut-ins (ADR 24)"),
-    Uncertain("lane_change", "rear_reaction", 0.40, "only its being long is told by recorded cut-ins (ADR 24)"),
+    Uncertain("lane_change", "rear_looming", 0.40, "matched to recorded cut-ins (ADR 70)"),
 )
 """Uncertain numbers of the shipped model, and their spread."""
 DESIGN_EFFECT = 1.12
