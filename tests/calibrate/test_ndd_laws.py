@@ -158,7 +158,7 @@ def test_acceptance_grows_with_the_gap_and_only_an_overlap_is_never_accepted() -
 
 
 def test_a_driver_turns_back_for_a_critical_gap() -> None:
-    critical = np.array([6.0 + closing + closing**2 / 6.0 for closing in np.maximum(-RANGE_RATES, 0.0)])
+    critical = np.array([6.0 + 3.5 * closing + closing**2 / 12.0 for closing in np.maximum(-RANGE_RATES, 0.0)])
     np.testing.assert_array_equal(LaneChange().turn_back(), GAPS[:, None] <= critical[None, :])
 
 

@@ -276,7 +276,9 @@ def test_counts_are_those_of_the_recordings(reckless: NddModel, adversary: str |
     slow = [slow_counts(recorder.record(5, test)) for test in range(50)]
     counts = simulate(setting, n_slots(ODD), seed=5, tests=50, counting=True).counts
     assert total(counts, statistics.BV_STATES) == sum(one[0] for one in slow)
-    assert total(counts, statistics.LANE_CHANGES) == sum(one[2] for one in slow) > 100
+    more = total(counts, statistics.LANE_CHANGES) - sum(one[2] for one in slow)
+    assert more == 0 or (adversary and more > 0)  # the controlled one may turn round at the end of its change
+    assert sum(one[2] for one in slow) > 100
     actions = np.sum([one[4] for one in slow], axis=0)
     wanted = actions[2:].copy()
     wanted[GO_ON - 2] += actions[:2].sum()
