@@ -26,39 +26,12 @@ if TYPE_CHECKING:
     from cornerforge.sim.world import World
 
 __all__ = [
-    "AV_STATES",
-    "BESIDE",
-    "BV_STATES",
-    "BV_TRAVEL_MM",
-    "CRASHED_BVS",
-    "CUT_INS",
-    "CUT_IN_BANDS",
-    "CUT_IN_PAIRS",
-    "EVERYBODY",
-    "EXPOSURE",
-    "FOLLOWING_ACCELERATION",
-    "FOLLOWING_STATES",
-    "FREE_ACCELERATION",
-    "JOINT",
-    "LANE_CHANGES",
-    "NOBODY_COUNTED",
-    "SPEED_DIFFERENCE_BESIDE",
-    "TRAFFIC",
-    "TTC_BELOW",
-    "TTC_LIMITS",
-    "Census",
-    "Counts",
-    "HistogramGrid",
-    "allocate_counts",
-    "census_of",
-    "count_av",
-    "count_choices",
-    "count_states",
-    "count_travel",
-    "grid_edges",
-    "histogram_quantile",
-    "histogram_summary",
-]
+    "AV_STATES", "BESIDE", "BV_STATES", "BV_TRAVEL_MM", "CRASHED_BVS", "CUT_INS", "CUT_IN_BANDS", "CUT_IN_PAIRS",
+    "EVERYBODY", "EXPOSURE", "FOLLOWING_ACCELERATION", "FOLLOWING_STATES", "FREE_ACCELERATION", "JOINT",
+    "LANE_CHANGES", "NOBODY_COUNTED", "SPEED_DIFFERENCE_BESIDE", "TRAFFIC", "TTC_BELOW", "TTC_LIMITS", "Census",
+    "Counts", "HistogramGrid", "allocate_counts", "census_of", "count_av", "count_choices", "count_states",
+    "count_travel", "grid_edges", "histogram_quantile", "histogram_summary",
+]  # fmt: skip
 
 
 class HistogramGrid(NamedTuple):
