@@ -54,7 +54,7 @@ UNCERTAIN: tuple[Uncertain, ...] = (
     Uncertain("law", "response", 0.17, f"at a gap of 30 m: {_FILES}", measured=True),
     Uncertain("law", "spread", 0.12, _FILES, measured=True),
     Uncertain("law", "degrees", 0.49, f"{_FILES}; at least 3, as no file says less than 4.6", least=3.0, measured=True),
-    Uncertain("initial", "noise_spread", 0.49, "bootstrap over drivers, 0.040 to 0.276 (ADR 29)", 2.0, measured=True),
+    Uncertain("initial", "noise_spread", 0.49, "bootstrap over drivers, 0 to 0.26 (ADR 70)", 2.0, measured=True),
     Uncertain("safe", "response", 0.25, "set by hand so that BVs crash about as often as people (ADR 24)"),
     Uncertain("model", "overlook", 0.69, "a factor of 2: set by the national mix of crashes (ADR 27)", 1.0),
     Uncertain("model", "overlook_conflict", 0.69, "a factor of 2, as overlook (ADR 27)", 1.0),
