@@ -25,7 +25,7 @@ VARIATIONS = {
     "spread": Variation("law", "spread", 1.25),
     "degrees": Variation("law", "degrees", 3.0),
     "rate": Variation("lane_change", "rate", 2.0),
-    "rear_reaction": Variation("lane_change", "rear_reaction", 1.5),
+    "rear_looming": Variation("lane_change", "rear_looming", 1.5),
     "misjudge": Variation("lane_change", "misjudge", 1.5),
 }
 MOVED = {"safe": {"following"}, "law": {"following"}}

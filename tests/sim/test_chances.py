@@ -181,7 +181,7 @@ def test_what_is_stated_is_what_is_drawn(model: NddModel, name: str) -> None:
 FOLLOWERS = {
     "behind one lead": Scene([FAR, Car(300.0, 0, 31.0), Car(330.0, 0, 30.0)], set()),
     "between two lanes": Scene(
-        [FAR, Car(300.0, 1, 32.0), Car(330.0, 1, 31.3), Car(325.0, 2, 27.6)], set(), changing={1: 2}
+        [FAR, Car(300.0, 1, 32.0), Car(330.0, 1, 31.3), Car(331.0, 2, 27.6)], set(), changing={1: 2}
     ),
     "a lead that is beyond the tables": Scene([FAR, Car(300.0, 0, 31.0), Car(450.0, 0, 30.0)], set()),
     "no lead": Scene([FAR, Car(300.0, 0, 31.0)], set()),

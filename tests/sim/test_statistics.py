@@ -20,7 +20,7 @@ from cornerforge.sim.statistics import EVERYBODY, Census, Counts, allocate_count
 from cornerforge.sim.world import World, n_slots
 from cornerforge.types import ACCELERATIONS, Odd, Scenario
 
-ODD = Odd(n_lanes=3, lane_width=4.0)
+ODD = Odd(n_lanes=3)
 ROAD = road_numbers(ODD)
 GO_ON = 22
 """Index of acceleration 0."""
@@ -249,6 +249,7 @@ def test_cut_ins_are_those_of_the_recordings(reckless: NddModel) -> None:
 def slow_counts(scenario: Scenario) -> tuple[int, int, int, int, list[int]]:
     """BV states, following states, lane changes, states with TTC below 10 s, and actions, from a recording.
 
+    To turn back, from off the centre of a lane, is no lane change.
     Who follows whom needs the lanes that a vehicle occupies, which a recording gives at the start only; so following
     states are those at time 0.
     """
@@ -257,6 +258,7 @@ def slow_counts(scenario: Scenario) -> tuple[int, int, int, int, list[int]]:
     here = scenario.present[at]
     here[:, 0] = False
     actions = scenario.action[here]
+    changes = (actions < 2) & (np.abs(scenario.y[at][here] / 4.0 % 1.0 - 0.5) < 1e-9)
     x, lane, speed = scenario.x[0], np.floor(scenario.y[0] / 4.0), scenario.speed[0]
     following = close = 0
     for i in np.flatnonzero(scenario.present[0])[1:]:
@@ -264,7 +266,7 @@ def slow_counts(scenario: Scenario) -> tuple[int, int, int, int, list[int]]:
         gap, rate = min(gaps, default=(math.inf, 0.0))
         following += gap <= 115.5
         close += gap <= 115.5 and rate < 0.0 and gap < -10.0 * rate
-    return int(here.sum()), following, int((actions < 2).sum()), close, np.bincount(actions, minlength=33).tolist()
+    return int(here.sum()), following, int(changes.sum()), close, np.bincount(actions, minlength=33).tolist()
 
 
 @pytest.mark.parametrize("adversary", [None, "lane-changer"])
@@ -274,7 +276,9 @@ def test_counts_are_those_of_the_recordings(reckless: NddModel, adversary: str |
     slow = [slow_counts(recorder.record(5, test)) for test in range(50)]
     counts = simulate(setting, n_slots(ODD), seed=5, tests=50, counting=True).counts
     assert total(counts, statistics.BV_STATES) == sum(one[0] for one in slow)
-    assert total(counts, statistics.LANE_CHANGES) == sum(one[2] for one in slow) > 100
+    more = total(counts, statistics.LANE_CHANGES) - sum(one[2] for one in slow)
+    assert more == 0 or (adversary and more > 0)  # the controlled one may turn round at the end of its change
+    assert sum(one[2] for one in slow) > 100
     actions = np.sum([one[4] for one in slow], axis=0)
     wanted = actions[2:].copy()
     wanted[GO_ON - 2] += actions[:2].sum()

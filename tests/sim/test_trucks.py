@@ -236,7 +236,7 @@ def test_lanes_to_the_right_are_slower_in_even_steps(model: NddModel) -> None:
 
 
 def test_truck_drivers_want_no_more_than_the_top_speed(model: NddModel, seed: int) -> None:
-    quick = replace(model, initial=replace(model.initial, speed_mean=36.0, stream_sd=1.0))
+    quick = replace(model, initial=replace(model.initial, speed_mean=36.0, stream_sd=1.0, speed_sd=1.65))
     worlds = started(quick, MIXED, seed, 1000)
     everybody = np.concatenate(worlds)
     trucks, others = everybody[everybody["kind"] == TRUCK], everybody[everybody["kind"] != TRUCK]
