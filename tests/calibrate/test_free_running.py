@@ -321,23 +321,35 @@ def failing(traffic: FreeTraffic) -> tuple[set[str], set[str], set[str]]:
     return tuple({row.fact for row in part if row.within is False} for part in rows)  # type: ignore[return-value]
 
 
+MISSED = {"TTC, 25 %", "TTC, 50 %", "TTC, 75 %", *(f"closing speed, {percent} %" for percent in (1, 5, 25, 50, 75))}
+"""Checks that the shipped model misses by far (ADR 70)."""
+
+
 def test_traffic_as_it_was_before_fails_these_checks(before: FreeTraffic) -> None:
-    """Its start is too close, its lanes know nothing of each other, and who cuts in closes too fast."""
+    """Its start is too close, its lanes know nothing of each other; cut-ins are rare, and close too fast."""
     start, cut_ins, memory = failing(before)
     assert start >= {
         "time gap, 0.1 %", "time gap, 1 %", "speed difference beside each other, sd",
         "share of following states with a time gap below 0.3 s",
         "share of following states with a time gap below 0.5 s",
     }  # fmt: skip
-    assert {"closing cut-ins at 5-35 m/s", "share with closing speed above 3 m/s"} & cut_ins
-    assert "correlation of 1/gap and 1/TTC" in cut_ins
+    assert cut_ins >= MISSED | {
+        "TTC, 1 %", "TTC, 5 %", "share with TTC below 10 s", "share with closing speed above 3 m/s",
+        "share with gap below 10 m and TTC below 10 s", "share with time gap below 0.5 s and TTC below 10 s",
+        "closing cut-ins at 5-35 m/s",
+    }  # fmt: skip
     assert "correlation of residual acceleration with that of the next second" in memory
 
 
-def test_the_shipped_model_fails_few_of_them(traffic: FreeTraffic) -> None:
-    """ADR 70 tells which: cut-ins at small closing speeds are too rare among closing ones."""
+def test_the_shipped_model_fails_these_checks_and_no_others(traffic: FreeTraffic) -> None:
+    """Cut-ins that hardly close are too rare among closing ones: half close by 0.85 m/s, recorded 0.56."""
     start, cut_ins, memory = failing(traffic)
-    assert not start & {"time gap, 0.1 %", "time gap, 1 %", "speed difference beside each other, sd"}
-    assert not cut_ins & {"gap, 5 %", "gap, 25 %", "follower's time gap, 25 %", "TTC, 5 %", "gap, 50 %"}
-    assert not cut_ins & {"closing cut-ins at 5-35 m/s", "share with time gap below 0.5 s and TTC below 10 s"}
+    assert start == {"share of following states with TTC below 5 s"}
+    assert cut_ins == MISSED | {"share with TTC below 5 s", "correlation of 1/gap and 1/TTC"}
+    rows = {row.fact: row for row in compare_with_facts(traffic.during(WHOLE), CUT_IN_FACTS)}
+    for name, published, ours in (
+        ("closing speed, 50 %", 0.56, 0.854), ("TTC, 50 %", 72.7, 47.0), ("correlation of 1/gap and 1/TTC", 0.14, 0.255),
+    ):  # fmt: skip
+        assert rows[name].published == published
+        assert rows[name].found == pytest.approx(ours, rel=0.01)
     assert not memory
