@@ -400,7 +400,7 @@ def test_a_fit_says_what_it_found_and_is_the_same_again(recorded: list[Path], tm
     assert set(told.numbers) == set(WIDTHS)
     rate = told.numbers["rate"]
     assert rate.interval95[0] < rate.estimate < rate.interval95[1]
-    assert (rate.prior, rate.unit) == (0.015, "1/s")
+    assert (rate.prior, rate.unit) == (LaneChange().rate, "1/s")
     assert any(note.startswith(f"Lane changes: fitted to {told.changes} changes in") for note in result.notes)
     model = load_model(tmp_path / "m.npz")
     assert model.lc_base[0] == pytest.approx(rate.estimate, rel=1e-3)

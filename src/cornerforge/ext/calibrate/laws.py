@@ -83,7 +83,8 @@ class LogLaw:
         gap = np.maximum(gap, MIN_GAP)
         closing = np.maximum(-range_rate, 0.0)
         follow = self.response * range_rate * (speed + 1.0) ** 0.24 / (gap + self.reach)
-        follow /= 1.0 + np.maximum(follow, 0.0) * ((speed + 1.0) / self.opening) ** self.opening_power
+        less = np.minimum((speed + 1.0) / self.opening, 1e3) ** self.opening_power
+        follow /= 1.0 + np.maximum(follow, 0.0) * less
         pull = self.pull * np.log(gap / (speed + 0.55) / self.headway)
         return np.asarray(follow + pull - 0.067 * closing**2 / (2.0 * gap) + self.offset)
 
