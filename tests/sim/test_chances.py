@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hand_built import Car, setting_of, world_of
+from hand_built import WIDE, Car, setting_of, world_of
 from numpy.typing import NDArray
 from reference import giving_way
 from reference import world as slow
@@ -40,7 +40,7 @@ from cornerforge.sim.world import World, allocate_worlds, n_slots
 from cornerforge.sim.world import world_of as world_of_batch
 from cornerforge.types import ACTION_HOLD, CLASSES, ODDS, Odd, odd_named
 
-LANES = Odd(n_lanes=3)
+LANES = replace(WIDE, n_lanes=3)
 N = 100_000
 SEED = 21
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_built import Car, setting_of, world_of
+from hand_built import WIDE, Car, setting_of, world_of
 
 from cornerforge.ndd.model import NddModel
 from cornerforge.road.straight import road_numbers
@@ -18,9 +18,9 @@ from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import allocate_windows, drive_chunk, drive_chunk_by_window, simulate, simulate_chunks
 from cornerforge.sim.statistics import EVERYBODY, Census, Counts, allocate_counts, count_choices, count_states
 from cornerforge.sim.world import World, n_slots
-from cornerforge.types import ACCELERATIONS, Odd, Scenario
+from cornerforge.types import ACCELERATIONS, Scenario
 
-ODD = Odd(n_lanes=3)
+ODD = replace(WIDE, n_lanes=3)
 ROAD = road_numbers(ODD)
 GO_ON = 22
 """Index of acceleration 0."""
