@@ -6,9 +6,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from hand_built import WIDE
 
 from cornerforge.geometry import Box, boxes_overlap
-from cornerforge.types import ODDS, Crash, Scenario
+from cornerforge.types import Crash, Scenario
 
 DT = 0.1
 RIGHT, MIDDLE, LEFT = 2.0, 6.0, 10.0
@@ -57,7 +58,7 @@ def crash(av: Car, *bvs: Car, test: int = 0) -> Scenario:
     """The recording up to the AV's first contact, found by the simulator's own overlap test."""
     series = [np.stack(part, axis=-1) for part in zip(*(motion(car) for car in (av, *bvs)), strict=True)]
     x, y, speed, heading = series
-    odd = ODDS["default"]
+    odd = WIDE
 
     def touched(frame: int, other: int) -> bool:
         a, b = ((x[frame, i], y[frame, i], heading[frame, i]) for i in (0, other))

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from hand_built import WIDE
 
 from cornerforge.geometry import Box, boxes_overlap
-from cornerforge.types import Crash, Odd, Scenario
+from cornerforge.types import Crash, Scenario
 
 FRAMES = 200
 CHANGE_S = 4.0
@@ -69,7 +70,7 @@ def scenario_of(drivers: list[Driver], partner: int = 1, lanes: int = 4) -> Scen
     return Scenario(
         seed=0,
         test=0,
-        odd=Odd(n_lanes=lanes),
+        odd=replace(WIDE, n_lanes=lanes),
         slot=np.arange(len(drivers), dtype=np.int16),
         x=cut["x"],
         y=cut["y"],

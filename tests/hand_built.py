@@ -25,8 +25,10 @@ from cornerforge.sim.world import NO_VEHICLE, World, all_current, allocate_world
 from cornerforge.sim.world import world_of as world_of_batch
 from cornerforge.types import Odd
 
-__all__ = ["Car", "change_lane", "glide", "reckless_drivers", "setting_of", "world_of"]
+__all__ = ["WIDE", "Car", "change_lane", "glide", "reckless_drivers", "setting_of", "world_of"]
 
+WIDE = Odd(lane_width=4.0)
+"""Road on which worlds by hand stand: centres of its lanes are at 2, 6 and 10 m."""
 _tables: dict[int, tuple[NddModel, NddTables]] = {}
 _MOST_TABLES = 8
 
@@ -76,7 +78,7 @@ def setting_of(
             del _tables[next(iter(_tables))]
     av = av or av_named("idm-mobil")
     return Setting(
-        road=road_numbers(odd or Odd()),
+        road=road_numbers(odd or WIDE),
         av=numbers_of_av(av),
         tables=_tables[id(model)][1],
         who=Controllers(
@@ -90,7 +92,7 @@ def setting_of(
 
 
 def world_of(cars: Iterable[Car]) -> World:
-    """A world of these cars in the centres of 4 m wide lanes, the first is the AV. Absent cars are poisoned."""
+    """A world of these cars in the centres of lanes of `WIDE`, the first is the AV. Absent cars are poisoned."""
     cars = list(cars)
     batch = allocate_worlds(1, len(cars))
     world = world_of_batch(batch)

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pyarrow as pa
 import pytest
+from hand_built import WIDE
 
 from cornerforge._arrow import arrow_type
 from cornerforge._jit import kernel
@@ -21,7 +22,7 @@ from cornerforge.sim import harvest
 from cornerforge.sim.keep import Decisions
 from cornerforge.sim.step import allocate_recording, record_frame
 from cornerforge.sim.world import VEHICLE, World, allocate_worlds, world_of
-from cornerforge.types import Odd, Scenario
+from cornerforge.types import Scenario
 
 
 @kernel
@@ -58,7 +59,7 @@ def test_a_case_has_every_real_series_and_pose_of_the_lists() -> None:
     bodies["length"], bodies["width"] = 5.0, 2.0
     room = harvest.allocate_harvest(1, 2, 1)
     end = harvest.Recorded(2, 1, 2, 1, 1)
-    harvest.keep_case(harvest.CaseName(0, 0, 0), end, np.inf, road_numbers(Odd()), cells, nothing, bodies, room)
+    harvest.keep_case(harvest.CaseName(0, 0, 0), end, np.inf, road_numbers(WIDE), cells, nothing, bodies, room)
     for row, name in enumerate(REALS):
         values = np.where(cells["present"], cells[name], np.nan)
         np.testing.assert_array_equal(room.reals[row, :4], values.T.ravel())

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+from hand_built import WIDE
 from reference.recorded import recordings_of_all
 from reference.records import case_record
 
@@ -25,9 +26,9 @@ from cornerforge.recordings import (
     unpack,
 )
 from cornerforge.sim.step import allocate_recording
-from cornerforge.types import Crash, Odd, Scenario
+from cornerforge.types import Crash, Scenario
 
-ODD = Odd(vehicle_length=4.0, vehicle_width=1.5)
+ODD = replace(WIDE, vehicle_length=4.0, vehicle_width=1.5)
 
 
 def crash_behind(test: int, frames: int, vehicles: int) -> Scenario:

@@ -153,7 +153,7 @@ class Odd:
 
     name: Annotated[str, Meta(max_length=200, description="What it is called.")] = "default"
     n_lanes: Annotated[int, meant("Lanes in the direction of travel; lane 0 is the rightmost.", "", 2, MAX_LANES)] = 3
-    lane_width: Annotated[float, meant("Of all lanes.", "m", 2.5, 6)] = 4.0
+    lane_width: Annotated[float, meant("Of all lanes; 3.66 m: 12 feet, as on US motorways.", "m", 2.5, 6)] = 3.66
     vehicle_length: Annotated[float, meant("Length of the AV, and of cars.", "m", 2, 20)] = 5.0
     vehicle_width: Annotated[float, meant("Width of the AV, and of cars.", "m", 1, 2.6)] = 2.0
     max_speed: Annotated[float, meant("Largest speed of any vehicle.", "m/s", 10, 80)] = 40.0
@@ -226,6 +226,7 @@ ODDS: dict[str, Odd] = {
     "swift": Odd(name="swift", lane_change_duration=2.5, same_duration=True),
     "paper": Odd(
         name="paper",
+        lane_width=4.0,
         lane_change_duration=1.0,
         max_lateral_acceleration=1e3,
         av_start=400.0,
@@ -241,7 +242,8 @@ ODDS: dict[str, Odd] = {
 surrounds it at the start, and in the classes of the vehicles. In `mixed` one vehicle in ten is a truck and one in a
 hundred a motorcycle: US highways have a tenth and 0.6 % by miles driven, highD's motorways a fifth of trucks; lanes
 to the right have more trucks and are slower (docs/adr/0028-trucks.md). In
-`paper` one change in a hundred ignores the vehicle behind, as in the code that the paper's group released."""
+`paper` lanes are 4 m wide and one change in a hundred ignores the vehicle behind: the paper says nothing of either, the
+code that its group released does."""
 
 IGNORED_FROM = 5.0
 """Nearest gap to a vehicle behind [m] at which a change may ignore it (`Odd.ignored_rear`)."""

@@ -93,7 +93,7 @@ def test_a_learners_crashes_are_the_cases_of_the_library(library: tuple[dict[str
     cases = CrashCases(setting, run.slots, verdict)
     start_worlds(SEED, 0, setting, scratch, nothing, actors)
     paid: set[int] = set()
-    for _ in range(80):
+    for _ in range(120):
         before = actors.worlds.state["test"][:, 0].copy()
         collect(n, exploring, setting, reward_numbers("own-fault"), actors, scratch, nothing, out)
         assert out.reward.max() <= 0.0

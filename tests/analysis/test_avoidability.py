@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from hand_built import WIDE
 from reference.records import append, case_record
 
 from cornerforge.analysis.avoidability import (
@@ -24,7 +25,7 @@ from cornerforge.errors import InputError
 from cornerforge.ext.pictures.picture import avoidance_figure
 from cornerforge.library import CaseLibrary
 from cornerforge.report.drawing import png_of
-from cornerforge.types import Crash, Odd, Scenario
+from cornerforge.types import Crash, Scenario
 
 FRAMES = 41
 
@@ -44,7 +45,7 @@ def crash_behind(test: int, *, gap: float = 30.0, braking: float = -4.0, pace: f
     y = np.tile([6.0, 6.0, 2.0], (n, 1))
     acceleration = np.tile([0.0, braking, 0.0], (n, 1))
     return Scenario(
-        seed=3, test=test, odd=Odd(), slot=np.array([0, 4, 7], dtype=np.int16), x=x, y=y, speed=speed,
+        seed=3, test=test, odd=WIDE, slot=np.array([0, 4, 7], dtype=np.int16), x=x, y=y, speed=speed,
         heading=np.zeros(shape), acceleration=acceleration, target_lane=lanes,
         present=np.ones(shape, dtype=np.bool_), action=np.full((decided, 3), -1, dtype=np.int8),
         critical_bv=np.ones(decided, dtype=np.int16), log_prob_nde=np.zeros(decided),
@@ -56,7 +57,7 @@ SCENARIOS = [crash_behind(k, gap=5.0 + 1.5 * k, braking=-8.0 if k % 2 else -4.0)
 
 
 def library_of(folder: Path, scenarios: Sequence[Scenario], shard: int = 5) -> CaseLibrary:
-    library = CaseLibrary.create(folder, {"seed": 3}, Odd())
+    library = CaseLibrary.create(folder, {"seed": 3}, WIDE)
     for k in range(0, len(scenarios), shard):
         part = [case_record(scenario, trajectory_digest="00") for scenario in scenarios[k : k + shard]]
         done = k + len(part)
@@ -86,8 +87,8 @@ def test_one_row_a_case_as_for_the_recording_itself(tmp_path: Path) -> None:
 
 def test_threads_and_shards_change_nothing_and_parquet_keeps_all(tmp_path: Path) -> None:
     few, many = library_of(tmp_path / "a", SCENARIOS, 3), library_of(tmp_path / "b", SCENARIOS, 16)
-    one = avoidability_of_library(few.shards(), Odd(), threads=1).combine_chunks()
-    two = avoidability_of_library(many.shards(), Odd(), threads=2).combine_chunks()
+    one = avoidability_of_library(few.shards(), WIDE, threads=1).combine_chunks()
+    two = avoidability_of_library(many.shards(), WIDE, threads=2).combine_chunks()
     assert one.equals(two)
     pq.write_table(one, tmp_path / "avoidability.parquet")
     again = pq.read_table(tmp_path / "avoidability.parquet")
@@ -107,7 +108,7 @@ def test_a_delay_takes_ways_out_away_and_changes_no_moment() -> None:
 def test_cases_that_cannot_be_judged_say_why_and_leave_the_others_alone(tmp_path: Path) -> None:
     library = library_of(tmp_path / "lib", SCENARIOS[:6], 6)
     cases, tracks = next(iter(library.shards()))
-    good = avoidability_table(cases, tracks, Odd())
+    good = avoidability_table(cases, tracks, WIDE)
 
     def spoiled(table: pa.Table, name: str, row: int, change: object) -> pa.Table:
         values = table.column(name).to_pylist()
@@ -120,7 +121,7 @@ def test_cases_that_cannot_be_judged_say_why_and_leave_the_others_alone(tmp_path
     tracks = spoiled(tracks, "x_m", 2, lambda x: [float("nan"), *x[1:]])
     tracks = spoiled(tracks, "present", 3, lambda there: [False, *there[1:]])
     tracks = spoiled(tracks, "speed_mps", 4, lambda speed: [400.0, *speed[1:]])
-    table = avoidability_table(cases, tracks, Odd(), threads=2)
+    table = avoidability_table(cases, tracks, WIDE, threads=2)
     parts = ("slot 99", "its contact at 77.0 s", "not finite", "the AV is absent at 0.0 s", "outside [0, 40.0]")
     for row, part in zip(table.to_pylist(), parts, strict=False):
         assert part in row["avoidability_problem"]
@@ -131,11 +132,11 @@ def test_cases_that_cannot_be_judged_say_why_and_leave_the_others_alone(tmp_path
 def test_tables_that_do_not_belong_together_and_empty_ones(tmp_path: Path) -> None:
     cases, tracks = next(iter(library_of(tmp_path / "lib", SCENARIOS[:4], 4).shards()))
     with pytest.raises(InputError, match="not of the same cases"):
-        avoidability_table(cases, tracks.slice(1), Odd())
+        avoidability_table(cases, tracks.slice(1), WIDE)
     with pytest.raises(InputError, match="threads"):
-        avoidability_table(cases, tracks, Odd(), threads=0)
-    assert avoidability_table(cases.slice(0, 0), tracks.slice(0, 0), Odd()).schema.equals(AVOIDABILITY_SCHEMA)
-    assert len(avoidability_of_library(CaseLibrary.create(tmp_path / "new", {"seed": 3}, Odd()).shards(), Odd())) == 0
+        avoidability_table(cases, tracks, WIDE, threads=0)
+    assert avoidability_table(cases.slice(0, 0), tracks.slice(0, 0), WIDE).schema.equals(AVOIDABILITY_SCHEMA)
+    assert len(avoidability_of_library(CaseLibrary.create(tmp_path / "new", {"seed": 3}, WIDE).shards(), WIDE)) == 0
 
 
 def test_recordings_that_hold_no_crash_of_the_av_are_refused() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from crashes_by_hand import LEFT, MIDDLE, RIGHT, Car, Turn, crash, mirrored
+from hand_built import WIDE
 from reference.recorded import recordings_of_all
 
 import cornerforge
@@ -16,9 +17,9 @@ from cornerforge.analysis.flaw import FLAWS, flaws_of, headline, in_words
 from cornerforge.analysis.prevented import Prevention, prevention_of
 from cornerforge.recordings import Recordings
 from cornerforge.results.analysis import OwnDoing
-from cornerforge.types import ODDS, Scenario
+from cornerforge.types import Scenario
 
-ODD = ODDS["default"]
+ODD = WIDE
 CODES = {name: k for k, name in enumerate(CONDUCTS)}
 
 

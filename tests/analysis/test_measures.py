@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+from hand_built import WIDE
 from hypothesis import given
 from hypothesis import strategies as st
 from reference.recorded import recordings_of_all
@@ -19,7 +20,7 @@ from cornerforge.analysis.measures import MEASURES, Impact, measure_cases
 from cornerforge.errors import InputError
 from cornerforge.metrics import injury_probability
 from cornerforge.recordings import Recordings, recordings_of_tracks
-from cornerforge.types import ODDS, Crash, Scenario
+from cornerforge.types import Crash, Scenario
 
 DT = 0.1
 FORCE_DIRECTIONS = ("av_force_direction_rad", "bv_force_direction_rad")
@@ -35,7 +36,7 @@ def scenario_of(frames: list[list[Row]], test: int = 0) -> Scenario:
     return Scenario(
         seed=5,
         test=test,
-        odd=ODDS["default"],
+        odd=WIDE,
         slot=np.arange(slots, dtype=np.int16),
         x=values[..., 0],
         y=values[..., 1],

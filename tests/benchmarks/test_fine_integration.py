@@ -10,6 +10,7 @@ import fine_integration
 import numpy as np
 import pytest
 from fine_integration import Leads, held_decisions, random_leads, reference, simulated
+from hand_built import WIDE
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -18,7 +19,7 @@ from cornerforge.road.straight import road_numbers
 from cornerforge.sim.actions import hold
 from cornerforge.sim.motion import move_vehicle
 from cornerforge.sim.world import VEHICLE
-from cornerforge.types import ACCELERATIONS, Odd
+from cornerforge.types import ACCELERATIONS
 
 TINY = 2000
 """Steps per second of the integration that motion is compared with."""
@@ -41,7 +42,7 @@ def integrate(x: float, speed: float, accelerations: list[float], max_speed: flo
     st.sampled_from([15.0, 40.0]),
 )
 def test_motion_is_that_of_tiny_steps(speed: float, accelerations: list[float], max_speed: float) -> None:
-    road = road_numbers(Odd(max_speed=max_speed, max_jerk=math.inf))
+    road = road_numbers(replace(WIDE, max_speed=max_speed, max_jerk=math.inf))
     speed = min(speed, max_speed)
     v = np.zeros(1, dtype=VEHICLE)
     v["x"], v["speed"] = 400.0, speed
@@ -60,7 +61,7 @@ def test_bounds_are_met_within_the_second_by_hand(speed: float, a: float, metres
     # 2 m/s at -4 m/s2 stands after 0.5 s and 0.5 m; 39 m/s at 2 m/s2 has 40 m/s after 0.5 s: 19.75 + 20 m.
     v = np.zeros(1, dtype=VEHICLE)
     v["speed"] = speed
-    road = road_numbers(Odd(max_jerk=math.inf))
+    road = road_numbers(replace(WIDE, max_jerk=math.inf))
     hold(v, 0, a, road)
     move_vehicle(v, 0, 1.0, road)
     assert v["x"][0] == pytest.approx(metres, abs=1e-12)

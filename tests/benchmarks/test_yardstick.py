@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hand_built import setting_of
+from hand_built import WIDE, setting_of
 from yardstick import COMPILER, INFO, Memory, Yardstick, allocate_memory, has_compiler, same_outcomes
 
 from cornerforge.drivers.avs import AVS, av_named
@@ -95,7 +95,7 @@ def assert_equal_test_by_test(setting: Setting, odd: Odd, tests: int, seed: int 
 @pytest.mark.parametrize("av", PLAIN)
 @pytest.mark.parametrize("lanes", [2, 3])
 def test_natural_traffic_is_the_same_bit_for_bit(model: NddModel, lanes: int, av: str) -> None:
-    odd = Odd(n_lanes=lanes)
+    odd = replace(WIDE, n_lanes=lanes)
     assert_equal_test_by_test(setting_of(model, odd, av=av_named(av)), odd, TESTS)
 
 
@@ -114,18 +114,18 @@ def test_reckless_traffic_is_the_same_bit_for_bit(reckless: NddModel, name: str,
 def test_a_polite_av_is_the_same_bit_for_bit(model: NddModel) -> None:
     av = av_named("idm-mobil")
     polite = replace(av, mobil=replace(av.mobil, politeness=0.5))
-    assert_equal_test_by_test(setting_of(model, av=polite), Odd(), 100)
+    assert_equal_test_by_test(setting_of(model, av=polite), WIDE, 100)
 
 
 def test_chunks_are_the_same(model: NddModel) -> None:
-    setting, slots = setting_of(model), n_slots(Odd())
+    setting, slots = setting_of(model), n_slots(WIDE)
     ours, _ = drive_chunk(setting, slots, 3, 100, 200, False)
     assert same_outcomes(ours, Yardstick(setting).drive_chunk(slots, 3, 100, 200))
 
 
 def test_the_comparison_sees_the_last_bit(model: NddModel) -> None:
     # Negative control: an AV whose desired speed is one bit larger.
-    setting, slots = setting_of(model), n_slots(Odd())
+    setting, slots = setting_of(model), n_slots(WIDE)
     idm = setting.av.idm
     other = setting._replace(
         av=setting.av._replace(idm=idm._replace(desired_speed=float(np.nextafter(idm.desired_speed, 99.0))))

@@ -101,14 +101,14 @@ def test_rows_of_data_scatter_like_their_decisions_say(model: NddModel) -> None:
 
 def test_intervals_of_the_models_own_fit_are_taken(model: NddModel) -> None:
     found = {(row.part, row.field): row for row in widths(model)}
-    assert found["initial", "noise_spread"].width == pytest.approx(np.log(0.276 / 0.0404) / 3.92, rel=1e-4)
+    assert found["initial", "noise_spread"].width == 0.49, "the shipped fit's own interval begins at 0"
     fit = {"numbers": {"rate": {"interval95": [0.01, 0.02]}, "near": {"interval95": [40.0, 80.0]}}}
-    said = {**model.provenance, "lane_change_fit": fit, "noise_spread_fit": {"interval95": [0.0, 0.2]}}
+    said = {**model.provenance, "lane_change_fit": fit, "noise_spread_fit": {"interval95": [0.05, 0.2]}}
     found = {(row.part, row.field): row for row in widths(replace(model, provenance=said))}
     assert found["lane_change", "rate"].width == pytest.approx(np.log(2.0) / 3.92, rel=1e-3)
     assert found["lane_change", "rate"].measured
     assert ("lane_change", "near") in found
-    assert found["initial", "noise_spread"].width == 0.49, "an interval from 0 has no width in logarithms"
+    assert found["initial", "noise_spread"].width == pytest.approx(np.log(4.0) / 3.92, rel=1e-3)
     for wrong in ({"interval95": 1.0}, {"interval95": [1.0]}, {}, "many", {"interval95": ["a", "b"]}):
         with pytest.raises(FileFormatError, match="no usable intervals"):
             widths(replace(model, provenance={"noise_spread_fit": wrong}))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 from scipy.stats import poisson
 
 from cornerforge.errors import InputError
@@ -39,6 +40,7 @@ from cornerforge.ext.calibrate.persistence import compare_persistence
 from cornerforge.intervals import poisson_interval
 from cornerforge.ndd import default_model_path, load_model, save_model
 from cornerforge.ndd.memory import Memory
+from cornerforge.ndd.model import GAPS, RANGE_RATES
 from cornerforge.results.validation import FactFound
 from cornerforge.sim import statistics
 from cornerforge.sim.statistics import allocate_counts
@@ -293,14 +295,21 @@ def test_without_cut_ins_no_check_of_them_is_met() -> None:
 
 @pytest.fixture(scope="module")
 def before(tmp_path_factory: pytest.TempPathFactory) -> FreeTraffic:
-    """Traffic of drivers as the model before had them: lanes each for itself, a log-normal time gap, no memory."""
+    """Traffic of drivers as models before had them: lanes each for itself, a log-normal time gap, no memory; nearly all
+    refuse whoever closes, and the others do not look at closing."""
     model = load_model(default_model_path())
     initial = replace(
         model.initial, stream_sd=0.0, speed_sd=3.48, desire_share=0.0, time_gap_shift=0.0, time_gap_median=1.14,
         time_gap_sigma=0.56, rr_scale=0.83, rr_exponent=0.575,
     )  # fmt: skip
     path = tmp_path_factory.mktemp("before") / "before.npz"
-    save_model(replace(model, initial=initial, memory=Memory(), free_pull=0.0), path)
+    closing = np.maximum(-RANGE_RATES, 0.0)
+    wait, gap_alone = (
+        ndtr(np.log(np.maximum(GAPS, 0.5)[:, None] / (25.0 + reaction * closing + closing**2 / 8.0)) / 0.95)
+        for reaction in (300.0, 0.0)
+    )
+    accept = (0.93 * wait + 0.07 * gap_alone).astype(np.float32)
+    save_model(replace(model, initial=initial, memory=Memory(), free_pull=0.0, lc_accept_rear=accept), path)
     return simulate_free_running(experiment(model=path), miles=MILES)
 
 
@@ -312,23 +321,36 @@ def failing(traffic: FreeTraffic) -> tuple[set[str], set[str], set[str]]:
     return tuple({row.fact for row in part if row.within is False} for part in rows)  # type: ignore[return-value]
 
 
+MISSED = {"TTC, 25 %", "TTC, 50 %", "TTC, 75 %", *(f"closing speed, {percent} %" for percent in (1, 5, 25, 50, 75))}
+"""Checks that the shipped model misses by far (ADR 70)."""
+
+
 def test_traffic_as_it_was_before_fails_these_checks(before: FreeTraffic) -> None:
-    """Its start is too close, its lanes know nothing of each other, and who cuts in closes too fast."""
+    """Its start is too close, its lanes know nothing of each other; cut-ins are rare, and close too fast."""
     start, cut_ins, memory = failing(before)
     assert start >= {
         "time gap, 0.1 %", "time gap, 1 %", "speed difference beside each other, sd",
         "share of following states with a time gap below 0.3 s",
         "share of following states with a time gap below 0.5 s",
     }  # fmt: skip
-    assert {"TTC, 50 %", "closing speed, 50 %"} <= cut_ins
+    assert cut_ins >= MISSED | {
+        "TTC, 1 %", "TTC, 5 %", "share with TTC below 10 s", "share with closing speed above 3 m/s",
+        "share with gap below 10 m and TTC below 10 s", "share with time gap below 0.5 s and TTC below 10 s",
+        "closing cut-ins at 5-35 m/s",
+    }  # fmt: skip
     assert "correlation of residual acceleration with that of the next second" in memory
 
 
-def test_the_shipped_model_fails_few_of_them(traffic: FreeTraffic) -> None:
-    """Docs/results.md tells which: closing cut-ins are too rare."""
+def test_the_shipped_model_fails_these_checks_and_no_others(traffic: FreeTraffic) -> None:
+    """Cut-ins that hardly close are too rare among closing ones: half close by 0.85 m/s, recorded 0.56."""
     start, cut_ins, memory = failing(traffic)
-    assert not start & {"time gap, 0.1 %", "time gap, 1 %", "speed difference beside each other, sd"}
-    assert "closing cut-ins at 5-35 m/s" in cut_ins
-    medians = {"gap, 50 %", "follower's time gap, 50 %", "TTC, 50 %", "closing speed, 50 %"}
-    assert not cut_ins & {"gap, 5 %", "gap, 25 %", "follower's time gap, 25 %", "TTC, 5 %", *medians}
+    assert start == {"share of following states with TTC below 5 s"}
+    assert cut_ins == MISSED | {"share with TTC below 5 s", "correlation of 1/gap and 1/TTC"}
+    rows = {row.fact: row for row in compare_with_facts(traffic.during(WHOLE), CUT_IN_FACTS)}
+    for name, published, ours in (
+        ("closing speed, 50 %", 0.56, 0.854), ("TTC, 50 %", 72.7, 47.0),
+        ("correlation of 1/gap and 1/TTC", 0.14, 0.255),
+    ):  # fmt: skip
+        assert rows[name].published == published
+        assert rows[name].found == pytest.approx(ours, rel=0.01)
     assert not memory

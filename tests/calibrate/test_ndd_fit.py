@@ -176,7 +176,7 @@ def test_the_shipped_model_loads_and_keeps_its_promises() -> None:
     assert default_model_path().stat().st_size < 5_000_000
     np.testing.assert_allclose(model.following.sum(axis=-1, dtype=np.float64), 1.0, atol=1e-6)
     assert (model.following == 0.0).mean() > 0.2
-    assert (model.overlook, model.overlook_conflict) == (1.5e-3, 1e-4)
+    assert (model.overlook, model.overlook_conflict) == (8e-4, 1e-4)
     text = json.dumps(dict(model.provenance))
     assert "NGSIM, US DOT FHWA" in text
     assert "/" not in "".join(file["name"] for file in model.provenance["files"])  # type: ignore[attr-defined]

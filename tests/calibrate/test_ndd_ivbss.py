@@ -171,7 +171,7 @@ def test_the_other_names_axes_and_whole_tables_are_read_too(other: NddModel, our
     assert not model.lc_turn_back.any()
     assert (model.initial.change_median, model.initial.signal_share) == (0.0, 1.0)
     assert (model.initial.noise_spread, model.initial.vigilance_sigma) == (0.0, 0.0)
-    assert (ours.overlook, model.overlook) == (1.5e-3, 1e-4)
+    assert (ours.overlook, model.overlook) == (8e-4, 1e-4)
     assert report.missing == ("lc_lead", "lc_rear", "lc_both", "initial_speed", "initial_gap")
     assert "lane changes: acceptance of the adjacent vehicle behind (no file)" in report.filled
     assert "start: speeds (no file)" in report.filled

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.special import ndtr
 
 from cornerforge.ext.calibrate.lane_change import LaneChange
 from cornerforge.ext.calibrate.laws import IdmLaw, LogLaw, bin_index, bin_probabilities, fit_law, log_likelihood
@@ -139,21 +142,23 @@ def test_fitted_numbers_are_short() -> None:
 
 def test_acceptance_grows_with_the_gap_and_only_an_overlap_is_never_accepted() -> None:
     change = LaneChange()
-    for accept, usual in ((change.accept_lead(), 11.0), (change.accept_rear(), 25.0)):
+    for accept in (change.accept_lead(), change.accept_rear()):
         assert (accept > 0.0).all()  # a gap of 0 or less is refused by `accept_chance`
         assert accept.max() <= 1.0
         assert (np.diff(accept, axis=0) >= 0.0).all()
         assert (np.diff(accept, axis=1) >= 0.0).all()  # the slower it closes, the sooner it is accepted
-        np.testing.assert_allclose(accept[int(usual), RANGE_RATES >= 0.0], 0.5)
-    # one driver in fourteen judges by the gap alone
-    alone = np.interp(25.0 * np.exp(0.95), GAPS, change.accept_rear()[:, 0])
-    assert alone == pytest.approx(0.07 * 0.8413, abs=2e-3)
-    # a gap e^0.95 times the usual one is one standard deviation of doubt above it
-    assert np.interp(25.0 * np.exp(0.95), GAPS, change.accept_rear()[:, -1]) == pytest.approx(0.8413, abs=1e-3)
+    np.testing.assert_allclose(change.accept_lead()[11, RANGE_RATES >= 0.0], 0.5)
+    careful = replace(change, misjudge=0.0).accept_rear()
+    np.testing.assert_allclose(careful[12, RANGE_RATES >= 0.0], 0.5)
+    # half of those who look closely see 100 m close by 0.5 m/s: c / gap^2 is what counts
+    assert careful[100, RANGE_RATES == -1.0] == pytest.approx(ndtr(np.log(0.5) / 1.5), abs=2e-3)
+    # the others mind c only by a second of it, and by how hard the one behind must brake
+    alone = replace(change, misjudge=1.0).accept_rear()
+    assert alone[38, RANGE_RATES == -8.0] == pytest.approx(ndtr(np.log(38 / (28.0 + 8.0 + 8.0)) / 0.15), abs=1e-6)
 
 
 def test_a_driver_turns_back_for_a_critical_gap() -> None:
-    critical = np.array([6.0 + closing + closing**2 / 6.0 for closing in np.maximum(-RANGE_RATES, 0.0)])
+    critical = np.array([6.0 + 3.5 * closing + closing**2 / 12.0 for closing in np.maximum(-RANGE_RATES, 0.0)])
     np.testing.assert_array_equal(LaneChange().turn_back(), GAPS[:, None] <= critical[None, :])
 
 

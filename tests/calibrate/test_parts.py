@@ -49,7 +49,7 @@ def test_each_part_has_a_source_and_a_reason() -> None:
     assert "a factor of 1.22 (1.00 to 1.65) of the odds" in why["noise level"]
     assert "50 changes in 4,000 seconds at risk" in why["gap acceptance"]
     assert (
-        "mean speed 26.0 m/s (start 30.1 m/s), standard deviation 1.0 m/s (start 3.3 m/s), median time gap 1.00 s"
+        "mean speed 26.0 m/s (start 30.1 m/s), standard deviation 1.0 m/s (start 3.4 m/s), median time gap 1.00 s"
         in (why["traffic at the start"])
     )
 

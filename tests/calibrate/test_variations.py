@@ -25,7 +25,7 @@ VARIATIONS = {
     "spread": Variation("law", "spread", 1.25),
     "degrees": Variation("law", "degrees", 3.0),
     "rate": Variation("lane_change", "rate", 2.0),
-    "rear_reaction": Variation("lane_change", "rear_reaction", 1.5),
+    "rear_looming": Variation("lane_change", "rear_looming", 1.5),
     "misjudge": Variation("lane_change", "misjudge", 1.5),
 }
 MOVED = {"safe": {"following"}, "law": {"following"}}
@@ -67,7 +67,7 @@ def test_many_at_once_are_the_same_as_one_after_the_other(model: NddModel, tmp_p
     assert at_once.initial == after_each_other.initial
     assert (at_once.overlook, at_once.memory) == (after_each_other.overlook, after_each_other.memory)
     said: Any = at_once.provenance
-    assert said["lane_change"]["rate"] == pytest.approx(0.030)
+    assert said["lane_change"]["rate"] == pytest.approx(2.0 * 0.0133)
     assert said["lane_change"]["overlook"] == pytest.approx(0.0030)
     assert said["following"]["law"]["degrees"] == pytest.approx(3.0 * 5.443)
     assert model_hash(varied_model(model, [])) == model_hash(model)

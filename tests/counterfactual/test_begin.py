@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hand_built import reckless_drivers, setting_of
+from hand_built import WIDE, reckless_drivers, setting_of
 
 from cornerforge.counterfactual.begin import MANOEUVRES, manoeuvre_begin
 from cornerforge.geometry import path_at, plan_path
@@ -13,9 +13,9 @@ from cornerforge.road.straight import lane_centre, lane_of, road_numbers
 from cornerforge.sim import Recorder, allocate_recording
 from cornerforge.sim.runner import crashed_tests, simulate_chunks
 from cornerforge.sim.world import n_slots
-from cornerforge.types import Odd, Scenario
+from cornerforge.types import Scenario
 
-ODD = Odd()
+ODD = WIDE
 KINDS = list(MANOEUVRES)
 BEGINS, TURNS = 20, 42
 
@@ -86,12 +86,13 @@ def at_rest(scenario: Scenario, column: int, last: int) -> int:
 
 @pytest.mark.parametrize("adversary", [None, "swerve"])
 def test_recorded_crashes_begin_where_a_vehicle_last_kept_its_place(model: NddModel, adversary: str | None) -> None:
+    """All natural ones, to 0.3 s; of an adversary's nine in ten: slow changes begin as wander does."""
     setting = setting_of(reckless_drivers(model), ODD, adversary=adversary, budget=None if adversary is None else 20.0)
     chunks = simulate_chunks(setting, n_slots(ODD), seed=3, first=0, tests=2_000, threads=2)
     tests = [test for first, out, _ in chunks for test in crashed_tests(first, out)]
     recorder = Recorder(setting, ODD)
-    moved, turned = 0, 0
-    for test in tests[:200]:
+    moved, turned, late = 0, 0, 0
+    for test in tests[:600]:
         scenario = recorder.record(3, test)
         last, partner = scenario.contact()
         frames = allocate_recording(*scenario.x.shape)
@@ -100,8 +101,9 @@ def test_recorded_crashes_begin_where_a_vehicle_last_kept_its_place(model: NddMo
         begin, kind = manoeuvre_begin(frames, partner, last, road_numbers(ODD))
         if KINDS[kind].endswith("-moves"):
             column = 0 if KINDS[kind] == "av-moves" else partner
-            assert abs(begin - at_rest(scenario, column, last)) <= 3, test  # some starts are not from rest
+            late += abs(begin - at_rest(scenario, column, last)) > 3  # some starts are not from rest
             moved += 1
             turned += bool(np.unique(scenario.target_lane[begin + 1 : last + 1, column]).size > 1)
     assert moved >= 20
+    assert late <= (0 if adversary is None else 0.1 * moved)
     assert turned >= 2

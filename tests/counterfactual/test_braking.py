@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hand_built import setting_of
+from hand_built import WIDE, setting_of
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -24,9 +24,9 @@ from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import crashed_tests, simulate_chunks
 from cornerforge.sim.step import allocate_recording
 from cornerforge.sim.world import n_slots
-from cornerforge.types import Crash, Odd, Scenario
+from cornerforge.types import Crash, Scenario
 
-ODD = Odd()
+ODD = WIDE
 FRAMES = 80
 
 
@@ -186,7 +186,7 @@ def test_only_crashes_of_the_av_can_be_avoidable() -> None:
 
 
 def test_judged_in_bulk_as_from_the_recording(model: NddModel, seed: int) -> None:
-    odd = Odd()
+    odd = WIDE
     setting, slots = setting_of(model, odd, adversary="swerve"), n_slots(odd)
     chunks = simulate_chunks(setting, slots, seed=seed, first=0, tests=150, threads=2)
     tests = [test for first, out, _ in chunks for test in crashed_tests(first, out)]
@@ -201,6 +201,6 @@ def test_judged_in_bulk_as_from_the_recording(model: NddModel, seed: int) -> Non
 
 def test_a_test_without_a_crash_and_no_tests_are_judged_too(model: NddModel) -> None:
     setting, braking = setting_of(model), Braking(1.0, 8.0)
-    recording = partial(Recorder, setting, Odd())
+    recording = partial(Recorder, setting, WIDE)
     assert not any(part.any() for part in judge_crashes(recording, setting, seed=0, tests=[0, 1], braking=braking))
     assert all(part.size == 0 for part in judge_crashes(recording, setting, seed=0, tests=[], braking=braking))

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_built import setting_of
+from hand_built import WIDE, setting_of
 from hypothesis import given
 from hypothesis import strategies as st
 from reference.avoid import Actions, Traffic, has_way_out
@@ -334,7 +334,7 @@ def test_witnesses_keep_clear_of_everybody(random_crashes: list[Traffic]) -> Non
     assert checked >= 10
 
 
-SWIFT = Odd(name="swift", lane_change_duration=2.5, max_jerk=math.inf)
+SWIFT = replace(WIDE, name="swift", lane_change_duration=2.5, max_jerk=math.inf)
 CAR, TRUCK = (5.0, 2.0), (16.5, 2.55)
 
 
@@ -404,7 +404,7 @@ def test_never_unavoidable_where_the_reward_says_avoidable(model: NddModel, seed
     The reward takes lateral paths from differences of positions, up to 0.16 m off the planned ones (at the begin of a
     lane change of 2.5 s): so its verdict must hold for vehicles that are wider by twice that.
     """
-    odd = Odd()
+    odd = WIDE
     setting, slots = setting_of(model, odd, adversary="swerve"), n_slots(odd)
     chunks = simulate_chunks(setting, slots, seed=seed, first=0, tests=120, threads=1)
     recorder = Recorder(setting, odd)

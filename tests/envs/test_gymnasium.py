@@ -243,23 +243,23 @@ def test_each_world_may_be_told_its_own_seed_and_test() -> None:
 def test_a_picture_shows_who_is_where() -> None:
     env: Any = gymnasium.make(ADVERSARY_ID, render_mode="rgb_array").unwrapped
     env.reset(seed=3)
-    picture = env.render()
-    assert picture.shape == (96, 900, 3)
+    picture, top = env.render(), 3 * 3.66 + 2.0
+    assert picture.shape == (90, 900, 3)
     assert picture.dtype == np.uint8
     vehicles, state = env._batch.worlds.vehicles[0], env._batch.worlds.state[0, 0]
     blue, red = (70, 140, 255), (230, 70, 60)
-    row = round((12.0 + 2.0 - vehicles["y"][0]) * 6)
+    row = round((top - vehicles["y"][0]) * 6)
     assert tuple(picture[row, 300]) == blue, "the AV's centre is 50 m from the left edge"
     controlled = vehicles[state["controlled"]]
     column = round((controlled["x"] - vehicles["x"][0] + 50.0) * 6)
-    assert tuple(picture[round((14.0 - controlled["y"]) * 6), column]) == red
+    assert tuple(picture[round((top - controlled["y"]) * 6), column]) == red
     area = (picture == blue).all(axis=2).sum() / 36.0
     assert area == pytest.approx(5.0 * 2.0 - 0.15 * 5.0 * 0.8 * 2.0, abs=0.7), "a car less its windscreen [m2]"
     many = DrivingVectorEnv(2, render_mode="rgb_array", lanes=2)
     many.reset(seed=0)
     frames = many.render()
     assert frames is not None
-    assert [frame.shape for frame in frames] == [(72, 900, 3)] * 2
+    assert [frame.shape for frame in frames] == [(68, 900, 3)] * 2
 
 
 # --- mistakes ---

@@ -30,7 +30,7 @@ from cornerforge.sim.world import World, world_of
 from cornerforge.types import Odd
 from cornerforge.world_options import WorldOptions
 
-SEED = 3
+SEED = 2
 N = 96
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from foreign.opened_av import opened
-from hand_built import setting_of
+from hand_built import WIDE, setting_of
 
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.experiment.av_file import av_of
@@ -20,11 +20,10 @@ from cornerforge.rates.branching.foreign import ForeignTrees
 from cornerforge.rates.branching.population import TREE, Plan, Tilt
 from cornerforge.sim import Script, ScriptDriver, Setting, controllers, n_slots, simulate
 from cornerforge.sim.world import VEHICLE
-from cornerforge.types import Odd
 
 pytestmark = [pytest.mark.full, pytest.mark.usefixtures("in_memory")]
 
-ODD = Odd()
+ODD = WIDE
 SLOTS = n_slots(ODD)
 SIGMAS = 5.0
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hand_built import WIDE
 
 from cornerforge.errors import FileFormatError, InputError, MissingExtraError
 from cornerforge.foreign.edge_cases import EDGE_CASES, edge_case, random_views, sample_views
@@ -27,9 +28,9 @@ from cornerforge.foreign.networks import (
 from cornerforge.foreign.normalised import Statistics
 from cornerforge.foreign.onnx_file import ACTIONS_KEY
 from cornerforge.foreign.sb3_file import Sb3Av
-from cornerforge.types import ACCELERATIONS, ACTION_ACCELERATIONS, ACTION_SIDES, N_ACTIONS, Odd
+from cornerforge.types import ACCELERATIONS, ACTION_ACCELERATIONS, ACTION_SIDES, N_ACTIONS
 
-VIEWS = random_views(np.random.default_rng(3), (1, 150), Odd())[0]
+VIEWS = random_views(np.random.default_rng(3), (1, 150), WIDE)[0]
 
 
 def test_actions_are_the_33_of_the_paper() -> None:
@@ -45,10 +46,10 @@ def test_actions_are_the_33_of_the_paper() -> None:
 def test_what_stands_again_for_another_python_is_the_same() -> None:
     index = np.arange(N_ACTIONS)
     np.testing.assert_array_equal(answers_of_index(index), np.stack([ACTION_ACCELERATIONS, ACTION_SIDES], axis=1))
-    edges = [edge_case(name, Odd()) for name in EDGE_CASES]
+    edges = [edge_case(name, WIDE) for name in EDGE_CASES]
     np.testing.assert_array_equal(sample_views()[: len(edges)], edges)
     np.testing.assert_array_equal(
-        sample_views()[len(edges) :], random_views(np.random.default_rng(0), (1, 64), Odd())[0]
+        sample_views()[len(edges) :], random_views(np.random.default_rng(0), (1, 64), WIDE)[0]
     )
 
 

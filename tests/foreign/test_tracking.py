@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hand_built import WIDE
 from scipy.interpolate import CubicHermiteSpline
 
 from cornerforge.foreign.tracking import POSE_COLUMNS, bend, place_at, track, wheelbase
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import av_scene
 from cornerforge.sim.bicycle import Motion, rear_axle_behind, roll
-from cornerforge.types import FRAME_S, Odd
+from cornerforge.types import FRAME_S
 
-ODD = Odd()
+ODD = WIDE
 ROAD = road_numbers(ODD)
 LENGTH = ODD.vehicle_length
 

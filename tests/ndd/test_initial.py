@@ -39,8 +39,8 @@ def test_every_number_has_a_range_that_holds_its_default(model: NddModel) -> Non
 @pytest.mark.parametrize(
     ("changed", "named"),
     [
-        ({"speed_low": 30.0, "speed_mean": 30.0, "speed_high": 30.0}, r"speed_sd = 1\.65 m/s about speed_low = 30"),
-        ({"speed_low": 30.0, "speed_mean": 30.0, "speed_high": 30.05}, r"1\.2 % of draws .* speed_high = 30\.05"),
+        ({"speed_low": 30.0, "speed_mean": 30.0, "speed_high": 30.0}, r"speed_sd = 1\.8 m/s about speed_low = 30"),
+        ({"speed_low": 30.0, "speed_mean": 30.0, "speed_high": 30.05}, r"1\.1 % of draws .* speed_high = 30\.05"),
         ({"follow_share": 1.0, "time_gap_median": 10.0, "time_gap_sigma": 0.01}, r"above free_gap_low \(free_gap_low"),
         ({"follow_share": 1.0, "free_gap_low": 5.0}, "a follower's gap above free_gap_low"),
         ({"follow_share": 1.0, "time_gap_shift": 0.0, "time_gap_median": 0.01, "time_gap_sigma": 0.0}, "below 1 m"),

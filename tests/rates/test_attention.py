@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_built import setting_of
+from hand_built import WIDE, setting_of
 
 from cornerforge._elementary import log
 from cornerforge.errors import InputError
@@ -15,9 +15,8 @@ from cornerforge.ndd.model import NddModel
 from cornerforge.rates.attention import ActionChances, action_chances, oversight
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.world import n_slots
-from cornerforge.types import Odd
 
-ODD = Odd()
+ODD = WIDE
 SLOTS = n_slots(ODD)
 
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import pytest
-from hand_built import setting_of
+from hand_built import WIDE, setting_of
 
 from cornerforge.errors import InputError
 from cornerforge.ndd.model import default_model_path, load_model
 from cornerforge.rates.exposure import bv_travel
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.world import n_slots
-from cornerforge.types import METRES_PER_MILE, Odd
+from cornerforge.types import METRES_PER_MILE
 
-ODD = Odd()
+ODD = WIDE
 SLOTS = n_slots(ODD)
 MODEL = load_model(default_model_path())
 

@@ -7,14 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hand_built import reckless_drivers, setting_of
+from hand_built import WIDE, reckless_drivers, setting_of
 
 from cornerforge.drivers.avs import av_named
 from cornerforge.ndd.model import default_model_path, load_model
 from cornerforge.rates.branching.drive import BUILT_IN_TREES
 from cornerforge.rates.branching.population import Population
 from cornerforge.sim import n_slots
-from cornerforge.types import Odd
 
 
 class Noted:
@@ -51,7 +50,7 @@ def test_a_known_network_is_adjusted_by_trees_of_the_av_itself(monkeypatch: pyte
         return 0.0 * steps
 
     monkeypatch.setattr(teaching.DangerLearner, "learn", learn)
-    odd = Odd()
+    odd = WIDE
     model = reckless_drivers(load_model(default_model_path()))
     own, told = Noted(), []
     taught = teaching.teach(

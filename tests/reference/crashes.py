@@ -6,14 +6,15 @@ from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
+from hand_built import WIDE
 
-from cornerforge.types import Crash, Odd, Scenario
+from cornerforge.types import Crash, Scenario
 from reference.avoid import Traffic
 from reference.world import Vehicle
 
 __all__ = ["ODD", "Mover", "crash", "drive", "random_crash", "scenario_of"]
 
-ODD = Odd()
+ODD = WIDE
 TAIL = 70
 """Frames after the contact: horizon, one decision more, and stopping."""
 

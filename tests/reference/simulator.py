@@ -13,7 +13,7 @@ from reference.adversaries import ADVERSARIES, draws
 from reference.drivers import AvDriver, Naturalistic, Row, look_up_word, rank_of
 from reference.elementary import log
 from reference.philox import DECIDE, Stream, unit
-from reference.world import HUMAN, SIGHT, TRUCK, Vehicle, World, start
+from reference.world import FOLLOWED, HUMAN, SIGHT, TRUCK, Vehicle, World, start
 
 HOLD = 22
 """Index of the action that holds the speed."""
@@ -183,7 +183,7 @@ class Simulator:
 
     def states(self, world: World, bv: Vehicle) -> list[tuple[float, float]]:
         """(gap, range rate) to the lead in each lane that a BV is in, the nearest first; (inf, 0) where it is free."""
-        leads = [lead for lane in bv.lanes if (lead := world.neighbours(bv, lane)[0]) is not None]
+        leads = [lead for lane in bv.lanes if (lead := world.neighbours(bv, lane, FOLLOWED)[0]) is not None]
         return sorted((world.gap(lead, bv), lead.speed - bv.speed) for lead in leads) or [(math.inf, 0.0)]
 
     def rows(self, world: World, bv: Vehicle, rounding: float) -> list[Row]:
@@ -192,7 +192,7 @@ class Simulator:
 
     def follows(self, world: World, bv: Vehicle) -> bool:
         """Has a BV a lead in any lane that it is in? Only then does its driver remember."""
-        return any(world.neighbours(bv, lane)[0] is not None for lane in bv.lanes)
+        return any(world.neighbours(bv, lane, FOLLOWED)[0] is not None for lane in bv.lanes)
 
     def acceptance(self, world: World, bv: Vehicle, lane: int, overlook: float) -> float:
         """Chance that a BV accepts its neighbours in a lane."""

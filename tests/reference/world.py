@@ -17,10 +17,10 @@ from reference.elementary import atan, exp, log
 from reference.philox import CLASS, INITIAL, TRAITS, Stream, normal_pair, unit
 from reference.shapes import Box, LateralPath, plan
 
-__all__ = ["HUMAN", "SIGHT", "TRUCK", "TRUCK_SPEED", "Vehicle", "World", "start"]
+__all__ = ["FOLLOWED", "HUMAN", "SIGHT", "TRUCK", "TRUCK_SPEED", "Vehicle", "World", "start"]
 
 SIGHT = 200.0
-HUMAN = Sight(indicators=True)
+HUMAN, FOLLOWED = Sight(indicators=True), Sight(offset=0.55)
 _DT = 0.1
 _FULL_STEERING_SPEED = 5.0
 TRUCK, TRUCK_SPEED = 1, 33.1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hand_built import Car, change_lane, setting_of, world_of
+from hand_built import WIDE, Car, change_lane, setting_of, world_of
 
 from cornerforge.drivers.sight import VISIBLE
 from cornerforge.ndd.model import NddModel
@@ -11,9 +11,8 @@ from cornerforge.sim.actions import start_lane_change
 from cornerforge.sim.av_features import N_AV_FEATURES, av_features
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
 from cornerforge.sim.world import World
-from cornerforge.types import ODDS
 
-ODD = ODDS["default"]
+ODD = WIDE
 OWN, PER = 9, 8
 AHEAD, BEHIND, LEFT_AHEAD, LEFT_BEHIND, RIGHT_AHEAD, RIGHT_BEHIND = (
     slice(OWN + PER * k, OWN + PER * (k + 1)) for k in range(6)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from hand_built import Car, change_lane, setting_of, world_of
+from hand_built import WIDE, Car, change_lane, setting_of, world_of
 
 from cornerforge.drivers.avs import AVS, av_named
 from cornerforge.drivers.policy import NO_POLICY
@@ -13,9 +13,8 @@ from cornerforge.ndd.model import NddModel
 from cornerforge.sim.av_kinds import built_in_av_decides
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.world import World
-from cornerforge.types import ODDS
 
-ROAD = ODDS["default"]
+ROAD = WIDE
 FLAWED = sorted(name for name, av in AVS.items() if av.kind == "flawed")
 Decide = Callable[..., tuple[float, int]]
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_built import Car, change_lane, setting_of, world_of
+from hand_built import WIDE, Car, change_lane, setting_of, world_of
 
 from cornerforge.drivers.avs import AVS, AvModel, AvNetwork, av_named
 from cornerforge.drivers.idm import idm_acceleration
@@ -19,9 +19,8 @@ from cornerforge.sim.av_kinds import built_in_av_decides
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.world import World
-from cornerforge.types import ODDS, Odd
 
-ROAD = ODDS["default"]
+ROAD = WIDE
 PLAIN, WATCHFUL, CAUTIOUS = "idm-mobil", "idm-mobil-watchful", "rss-cautious"
 BESIDE_LEFT = [Car(100.0, 1, 30.0), Car(100.0, 2, 30.0)]
 FREE = pytest.approx(2.0 * (1.0 - (30.0 / 35.0) ** 4))
@@ -151,7 +150,7 @@ def test_the_learned_one_stays_on_the_road(model: NddModel) -> None:
 @pytest.mark.parametrize("name", sorted(AVS))
 def test_no_av_commands_more_than_its_law_declares(model: NddModel, name: str) -> None:
     """The bounds of who can touch whom within a second rest on it; the hostile BV gives cause for hard braking."""
-    odd = Odd(max_jerk=math.inf)  # then an acceleration is the command
+    odd = replace(WIDE, max_jerk=math.inf)  # then an acceleration is the command
     setting = setting_of(model, odd, av=av_of(name), adversary="swerve")
     recorder = Recorder(setting, odd)
     commands = np.concatenate([recorder.record(3, test).acceleration[:, 0] for test in range(60)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hand_built import Car, change_lane, setting_of, world_of
+from hand_built import WIDE, Car, change_lane, setting_of, world_of
 
 from cornerforge.foreign.scene import COLUMNS
 from cornerforge.ndd.model import NddModel
@@ -12,9 +12,8 @@ from cornerforge.sim.actions import hold
 from cornerforge.sim.av_scene import SCENE_COLUMNS, scene_of_av
 from cornerforge.sim.motion import move_vehicle
 from cornerforge.sim.world import World
-from cornerforge.types import ODDS
 
-ODD = ODDS["default"]
+ODD = WIDE
 
 
 def scene(model: NddModel, world: World, rows: int = 13) -> np.ndarray:

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hand_built import Car, change_lane, setting_of, world_of
+from hand_built import WIDE, Car, change_lane, setting_of, world_of
 
 from cornerforge.drivers.sight import VISIBLE
 from cornerforge.foreign.interface import VIEW_SHAPE
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
 from cornerforge.sim.world import World
-from cornerforge.types import ODDS
 
-ODD = ODDS["default"]
+ODD = WIDE
 
 
 def view(model: NddModel, cars: list[Car] | World) -> np.ndarray:

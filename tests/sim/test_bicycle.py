@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from hand_built import Car, setting_of, world_of
+from hand_built import WIDE, Car, setting_of, world_of
 from scipy.integrate import solve_ivp
 
 from cornerforge.drivers.policy import NO_POLICY
@@ -25,9 +25,9 @@ from cornerforge.sim.bicycle import (
 from cornerforge.sim.loop import steer_as_av
 from cornerforge.sim.reach import bound_motion, find_pairs
 from cornerforge.sim.scratch import allocate_scratch
-from cornerforge.types import FRAME_S, SUBSTEPS, Odd
+from cornerforge.types import FRAME_S, SUBSTEPS
 
-ODD = Odd()
+ODD = WIDE
 ROAD = road_numbers(ODD)
 LENGTH = ODD.vehicle_length
 WHEELBASE = float(wheelbase_of(LENGTH))

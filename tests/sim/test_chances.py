@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hand_built import Car, setting_of, world_of
+from hand_built import WIDE, Car, setting_of, world_of
 from numpy.typing import NDArray
 from reference import giving_way
 from reference import world as slow
@@ -40,7 +40,7 @@ from cornerforge.sim.world import World, allocate_worlds, n_slots
 from cornerforge.sim.world import world_of as world_of_batch
 from cornerforge.types import ACTION_HOLD, CLASSES, ODDS, Odd, odd_named
 
-LANES = Odd(n_lanes=3)
+LANES = replace(WIDE, n_lanes=3)
 N = 100_000
 SEED = 21
 
@@ -181,7 +181,7 @@ def test_what_is_stated_is_what_is_drawn(model: NddModel, name: str) -> None:
 FOLLOWERS = {
     "behind one lead": Scene([FAR, Car(300.0, 0, 31.0), Car(330.0, 0, 30.0)], set()),
     "between two lanes": Scene(
-        [FAR, Car(300.0, 1, 32.0), Car(330.0, 1, 31.3), Car(325.0, 2, 27.6)], set(), changing={1: 2}
+        [FAR, Car(300.0, 1, 32.0), Car(330.0, 1, 31.3), Car(331.0, 2, 27.6)], set(), changing={1: 2}
     ),
     "a lead that is beyond the tables": Scene([FAR, Car(300.0, 0, 31.0), Car(450.0, 0, 30.0)], set()),
     "no lead": Scene([FAR, Car(300.0, 0, 31.0)], set()),

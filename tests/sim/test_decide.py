@@ -6,7 +6,7 @@ from random import Random
 
 import numpy as np
 import pytest
-from hand_built import Car, change_lane, glide, setting_of, world_of
+from hand_built import WIDE, Car, change_lane, glide, setting_of, world_of
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from statistical_bounds import l1_bound, l1_distance, rate_fits
@@ -26,9 +26,9 @@ from cornerforge.sim.neighbours import SIGHT, nearest_bv, neighbours_in_lane, so
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.world import World
-from cornerforge.types import ACCELERATIONS, Odd
+from cornerforge.types import ACCELERATIONS
 
-ROAD = Odd(n_lanes=4)
+ROAD = replace(WIDE, n_lanes=4)
 
 
 def probabilities(
@@ -357,7 +357,7 @@ def conflict(model: NddModel, overlook_conflict: float) -> tuple[World, Setting]
         overlook=0.0,
         overlook_conflict=overlook_conflict,
     )
-    odd = Odd(n_lanes=3)
+    odd = replace(WIDE, n_lanes=3)
     return world_of([Car(900.0, 1, 30.0), Car(300.0, 0, 30.0), Car(308.0, 2, 30.0)]), setting_of(always, odd)
 
 

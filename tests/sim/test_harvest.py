@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
-from hand_built import setting_of
+from hand_built import WIDE, setting_of
 from reference.case_record import case_columns
 from reference.records import case_record
 
@@ -107,7 +107,7 @@ def test_columns_are_those_of_the_slow_way(kind: str, odd: str, reckless: NddMod
 
 def test_own_columns_and_scripts_stay_with_their_cases(reckless: NddModel) -> None:
     """More cases than the buffers hold; each keeps its values and its start, and all its vehicles are stored."""
-    road = Odd()
+    road = WIDE
     setting = run_of(reckless, "swerve", road)
     tests = Harvester(setting, n_slots(road)).harvest(3, 0, 60).tests.tolist()
     recorder, scripts = Recorder(setting, road), ScriptDriver(setting, road)
@@ -135,7 +135,7 @@ def test_own_columns_and_scripts_stay_with_their_cases(reckless: NddModel) -> No
 
 
 def test_only_crashes_of_the_av_are_kept(reckless: NddModel) -> None:
-    road = Odd()
+    road = WIDE
     setting = run_of(reckless, "swerve", road)
     recorder, room = Recorder(setting, road), CaseRoom(n_slots(road), 60)
     out, _ = drive_chunk(setting, n_slots(road), 3, 10, 200, False)
@@ -146,7 +146,7 @@ def test_only_crashes_of_the_av_are_kept(reckless: NddModel) -> None:
 
 
 def test_vehicles_that_go_are_absent_in_the_columns_too(reckless: NddModel) -> None:
-    road = Odd(n_lanes=3)
+    road = replace(WIDE, n_lanes=3)
     setting = setting_of(reckless, road, adversary="uniform")
     harvested = Harvester(setting, n_slots(road)).harvest(1, 0, 1500)
     assert any(not all(row) for row in harvested.tracks.column("present").to_pylist())
@@ -156,7 +156,7 @@ def test_vehicles_that_go_are_absent_in_the_columns_too(reckless: NddModel) -> N
 
 
 def test_recording_at_once_or_again_gives_the_same(reckless: NddModel) -> None:
-    road = Odd()
+    road = WIDE
     setting = run_of(reckless, "swerve", road)
     found = []
     for crashed in (0, 10**9):  # as if no test, or every one, had crashed before
@@ -175,7 +175,7 @@ def assert_equal(a: Harvested, b: Harvested) -> None:
 @pytest.mark.full
 def test_a_full_buffer_changes_nothing(reckless: NddModel) -> None:
     """More crashes than the buffers hold, in one range or in many."""
-    road = Odd()
+    road = WIDE
     setting = run_of(reckless, "swerve", road)
     whole = Harvester(setting, n_slots(road)).harvest(3, 0, 300)
     assert whole.tests.size > 128
@@ -209,7 +209,7 @@ def test_shortfalls_add_up(model: NddModel) -> None:
 
 def test_natural_drivers_exceed_their_entropy_by_nothing_in_the_mean(model: NddModel) -> None:
     """Each decision adds 0, given all before it; so the sum over 400 tests is 0 within 5 of its standard errors."""
-    recorder = Recorder(setting_of(model, Odd()), Odd())
+    recorder = Recorder(setting_of(model, WIDE), WIDE)
     found = [np.array(recorder.record(3, test).excess).sum() for test in range(400)]
     error = np.std(found) / math.sqrt(len(found))
     assert abs(np.mean(found)) < 5.0 * error
@@ -219,7 +219,7 @@ def test_natural_drivers_exceed_their_entropy_by_nothing_in_the_mean(model: NddM
 
 
 def test_packed_shards_must_continue_the_library(reckless: NddModel, tmp_path: Path) -> None:
-    road = Odd()
+    road = WIDE
     harvested = Harvester(run_of(reckless, "swerve", road), n_slots(road)).harvest(7, 100, 40)
     assert harvested.tests.size > 4
     library = CaseLibrary.create(tmp_path / "library", {"seed": 7}, road)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_built import Car, setting_of, world_of
+from hand_built import WIDE, Car, setting_of, world_of
 from numpy.typing import NDArray
 
 from cornerforge._jit import kernel
@@ -22,7 +22,7 @@ from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.statistics import EVERYBODY, NOBODY_COUNTED, Census, Counts, allocate_counts
 from cornerforge.sim.world import n_slots, world_row
-from cornerforge.types import ODDS, Odd
+from cornerforge.types import ODDS
 
 
 @kernel
@@ -71,7 +71,7 @@ def assert_same(a: tuple[Outcomes, Counts], b: tuple[Outcomes, Counts]) -> None:
 @pytest.mark.parametrize("adversary", [None, "swerve", "lane-changer"])
 @pytest.mark.parametrize("odd", ["default", "paper", "every 0.3 s"])
 def test_the_same_bits_as_the_loop_of_the_kernels(model: NddModel, adversary: str | None, odd: str) -> None:
-    road = ODDS[odd] if odd in ODDS else replace(ODDS["default"], av_substeps=3)
+    road = ODDS[odd] if odd in ODDS else replace(WIDE, av_substeps=3)
     setting, slots = setting_of(model, road, adversary=adversary), n_slots(road)
     loop = drive_chunk(setting, slots, 5, 0, 150, True)
     assert_same(loop, drive(setting, slots, 150, 32, EVERYBODY))
@@ -80,14 +80,14 @@ def test_the_same_bits_as_the_loop_of_the_kernels(model: NddModel, adversary: st
 
 
 def test_any_batch_gives_the_same(model: NddModel) -> None:
-    setting, slots = setting_of(model, adversary="swerve"), n_slots(Odd())
+    setting, slots = setting_of(model, adversary="swerve"), n_slots(WIDE)
     one = drive(setting, slots, 60, 1)
     for size in (7, 60, 100):
         assert_same(one, drive(setting, slots, 60, size))
 
 
 def test_idle_worlds_show_nothing(model: NddModel) -> None:
-    setting, slots = setting_of(model).with_drivers(av=OUTSIDE), n_slots(Odd())
+    setting, slots = setting_of(model).with_drivers(av=OUTSIDE), n_slots(WIDE)
     batch = lockstep.allocate_batch(3, slots)
     batch.views[:] = np.nan
     lockstep.begin(0, np.array([1]), np.array([9]), setting, batch)
@@ -100,7 +100,7 @@ def test_idle_worlds_show_nothing(model: NddModel) -> None:
 
 
 def test_commands_are_cut_to_what_a_vehicle_can_do(model: NddModel) -> None:
-    setting, slots = setting_of(model).with_drivers(av=OUTSIDE), n_slots(Odd())
+    setting, slots = setting_of(model).with_drivers(av=OUTSIDE), n_slots(WIDE)
     for wish, held in ((-50.0, -8.0), (50.0, 2.0), (-1.5, -1.5)):
         batch = lockstep.allocate_batch(1, slots)
         lockstep.begin(0, np.array([0]), np.array([0]), setting, batch)

@@ -1,10 +1,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_built import Car, glide, setting_of, world_of
+from hand_built import WIDE, Car, glide, setting_of, world_of
 
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.actions import start_lane_change
@@ -18,10 +19,10 @@ from cornerforge.sim.observe import (
     spend_budget,
 )
 from cornerforge.sim.world import World
-from cornerforge.types import ACTION_HOLD, Odd
+from cornerforge.types import ACTION_HOLD
 from cornerforge.world_options import BUDGETS
 
-ROAD = Odd(n_lanes=4)
+ROAD = replace(WIDE, n_lanes=4)
 
 
 def seen(model: NddModel, world: World, bv: int) -> np.ndarray:

@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from hand_built import Car, change_lane, setting_of, world_of
+from hand_built import WIDE, Car, change_lane, setting_of, world_of
 
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.drivers.sight import Sight, SightNumbers, numbers_of_sight
@@ -19,9 +19,9 @@ from cornerforge.sim.reach import bound_motion, choose_current, find_pairs
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.sight import lanes_seen
 from cornerforge.sim.world import UNKNOWN, World, n_slots
-from cornerforge.types import ODDS, SUBSTEPS, Odd
+from cornerforge.types import ODDS, SUBSTEPS
 
-ODD = Odd(n_lanes=3)
+ODD = replace(WIDE, n_lanes=3)
 SIGHTS = [numbers_of_sight(Sight(by)) for by in ("motion", "decision", "centre")]
 SIGHTS.append(numbers_of_sight(Sight(perception_time=0.4)))
 
@@ -51,13 +51,13 @@ def test_nobody_drives_farther_or_less_far_than_was_bounded(model: NddModel) -> 
     assert passed > 0  # as if the AV braked with 2 m/s2 at most
 
 
-def nearest_of_all(world: World, lane: int, sight: SightNumbers) -> tuple[int, int]:
+def nearest_of_all(world: World, lane: int, sight: SightNumbers, lane_width: float) -> tuple[int, int]:
     """The AV's lead and rear in a lane, by looking at everybody."""
     v = world.vehicles
     dx = {
         j: v["x"][j] - v["x"][0]
         for j in range(1, v.size)
-        if v["present"][j] and lanes_seen(v, j, ODD.lane_width, sight) & (1 << lane)
+        if v["present"][j] and lanes_seen(v, j, lane_width, sight) & (1 << lane)
     }
     ahead = [j for j in dx if 0.0 <= dx[j] < SIGHT]
     behind = [j for j in dx if -SIGHT < dx[j] < 0.0]
@@ -87,7 +87,7 @@ def test_who_is_noted_as_the_avs_neighbour_is_it_all_second(model: NddModel) -> 
                 move_vehicle(v, i, 0.1 * (substep + 1), road)
             for lane in lanes:
                 for sight in SIGHTS:
-                    now = nearest_of_all(world, lane, sight)
+                    now = nearest_of_all(world, lane, sight, road.lane_width)
                     assert neighbours_in_lane(world, 0, lane, road.lane_width, sight) == now
     assert 300 < noted < 800, f"{noted} of 900 lanes are noted"
 
@@ -97,7 +97,11 @@ def test_who_is_noted_as_the_avs_neighbour_is_it_all_second(model: NddModel) -> 
 def test_whoever_may_be_seen_in_a_lane_is_looked_at(model: NddModel, name: str) -> None:
     """Many change lanes, some of them turn back: who is the AV's nearest must be among those whose state is current."""
     rng = np.random.default_rng(7)
-    road, spared, by_motion_alone = setting_of(model, replace(ODDS[name], n_lanes=3)).road, 0, 0
+    road, spared, by_motion_alone = (
+        setting_of(model, replace(ODDS[name], n_lanes=3, lane_width=WIDE.lane_width)).road,
+        0,
+        0,
+    )
     for _ in range(300):
         cars = [Car(200.0, int(rng.integers(3)), rng.uniform(20.0, 40.0))]
         cars += [Car(rng.uniform(-60.0, 460.0), int(rng.integers(3)), rng.uniform(20.0, 40.0)) for _ in range(16)]
@@ -124,7 +128,7 @@ def test_whoever_may_be_seen_in_a_lane_is_looked_at(model: NddModel, name: str) 
                 move_vehicle(v, i, 0.1 * (substep + 1), road)
             for lane in range(3):
                 for sight in SIGHTS:
-                    now = nearest_of_all(world, lane, sight)
+                    now = nearest_of_all(world, lane, sight, road.lane_width)
                     assert neighbours_in_lane(world, 0, lane, road.lane_width, sight) == now
                     by_motion_alone += sum(j > 0 and not v["lanes"][j] & (1 << lane) for j in now)
     assert spared > 300, "everybody is looked at: the case shows nothing"
@@ -133,7 +137,7 @@ def test_whoever_may_be_seen_in_a_lane_is_looked_at(model: NddModel, name: str) 
 
 def test_no_pair_that_touches_is_missing_however_dense_the_traffic_is(model: NddModel) -> None:
     """97 vehicles on six lanes, 6 m apart, standing or at full speed, all of them changing lanes."""
-    odd = Odd(n_lanes=6)
+    odd = replace(WIDE, n_lanes=6)
     road, slots = setting_of(model, odd).road, n_slots(odd)
     rng = np.random.default_rng(7)
     world = world_of([Car(100.0 + 6.0 * (i // 6), i % 6, float(rng.choice([0.0, 39.0]))) for i in range(slots)])

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_built import setting_of
+from hand_built import WIDE, setting_of
 
 from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
@@ -16,9 +16,9 @@ from cornerforge.sim.recorder import Recorder, scenario_digest
 from cornerforge.sim.runner import crashed_tests, simulate, simulate_chunks
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.world import n_slots
-from cornerforge.types import ODDS, Odd
+from cornerforge.types import ODDS
 
-ODD = Odd(n_lanes=3)
+ODD = replace(WIDE, n_lanes=3)
 SLOTS = n_slots(ODD)
 TESTS = 150
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hand_built import Car, change_lane, setting_of, world_of
+from hand_built import WIDE, Car, change_lane, setting_of, world_of
 
 import cornerforge.sim
 from cornerforge.drivers.avs import AVS, AvModel, AvNetwork, av_named
@@ -26,9 +26,9 @@ from cornerforge.sim.setting import Setting
 from cornerforge.sim.sight import lane_entered, lanes_seen
 from cornerforge.sim.step import allocate_recording, av_acts, begin_to_act, move_on
 from cornerforge.sim.world import World
-from cornerforge.types import ACTION_RIGHT, ODDS
+from cornerforge.types import ACTION_RIGHT
 
-ROAD = ODDS["default"]
+ROAD = WIDE
 LANE = ROAD.lane_width
 KNOW_DECISIONS = {"idm-mobil-oracle", "idm-mobil-d2rl"}
 HOLD = nearest_action(0.0)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_built import Car, setting_of, world_of
+from hand_built import WIDE, Car, setting_of, world_of
 
 from cornerforge.ndd.model import NddModel
 from cornerforge.road.straight import road_numbers
@@ -18,9 +18,9 @@ from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import allocate_windows, drive_chunk, drive_chunk_by_window, simulate, simulate_chunks
 from cornerforge.sim.statistics import EVERYBODY, Census, Counts, allocate_counts, count_choices, count_states
 from cornerforge.sim.world import World, n_slots
-from cornerforge.types import ACCELERATIONS, Odd, Scenario
+from cornerforge.types import ACCELERATIONS, Scenario
 
-ODD = Odd(n_lanes=3, lane_width=4.0)
+ODD = replace(WIDE, n_lanes=3)
 ROAD = road_numbers(ODD)
 GO_ON = 22
 """Index of acceleration 0."""
@@ -249,6 +249,7 @@ def test_cut_ins_are_those_of_the_recordings(reckless: NddModel) -> None:
 def slow_counts(scenario: Scenario) -> tuple[int, int, int, int, list[int]]:
     """BV states, following states, lane changes, states with TTC below 10 s, and actions, from a recording.
 
+    A change into a lane that the body touches, as to turn back, is no lane change.
     Who follows whom needs the lanes that a vehicle occupies, which a recording gives at the start only; so following
     states are those at time 0.
     """
@@ -257,6 +258,10 @@ def slow_counts(scenario: Scenario) -> tuple[int, int, int, int, list[int]]:
     here = scenario.present[at]
     here[:, 0] = False
     actions = scenario.action[here]
+    target = scenario.target_lane[at][here]
+    changes = actions < 2
+    for side in (-1.0, 1.0):
+        changes &= target != np.floor((scenario.y[at][here] + side) / 4.0)
     x, lane, speed = scenario.x[0], np.floor(scenario.y[0] / 4.0), scenario.speed[0]
     following = close = 0
     for i in np.flatnonzero(scenario.present[0])[1:]:
@@ -264,7 +269,7 @@ def slow_counts(scenario: Scenario) -> tuple[int, int, int, int, list[int]]:
         gap, rate = min(gaps, default=(math.inf, 0.0))
         following += gap <= 115.5
         close += gap <= 115.5 and rate < 0.0 and gap < -10.0 * rate
-    return int(here.sum()), following, int((actions < 2).sum()), close, np.bincount(actions, minlength=33).tolist()
+    return int(here.sum()), following, int(changes.sum()), close, np.bincount(actions, minlength=33).tolist()
 
 
 @pytest.mark.parametrize("adversary", [None, "lane-changer"])

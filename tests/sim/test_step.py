@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_built import Car, glide, setting_of, world_of
+from hand_built import WIDE, Car, glide, setting_of, world_of
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -24,10 +24,10 @@ from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.step import allocate_recording, av_acts, begin_to_act, move_on
 from cornerforge.sim.world import NO_ACTION, World
-from cornerforge.types import SUBSTEPS, Odd
+from cornerforge.types import SUBSTEPS
 
 KEEP_SPEED = 22
-ODD = Odd(n_lanes=3)
+ODD = replace(WIDE, n_lanes=3)
 AT_ONCE = replace(ODD, max_jerk=math.inf)
 
 

@@ -236,7 +236,7 @@ def test_lanes_to_the_right_are_slower_in_even_steps(model: NddModel) -> None:
 
 
 def test_truck_drivers_want_no_more_than_the_top_speed(model: NddModel, seed: int) -> None:
-    quick = replace(model, initial=replace(model.initial, speed_mean=36.0, stream_sd=1.0))
+    quick = replace(model, initial=replace(model.initial, speed_mean=36.0, stream_sd=1.0, speed_sd=1.65))
     worlds = started(quick, MIXED, seed, 1000)
     everybody = np.concatenate(worlds)
     trucks, others = everybody[everybody["kind"] == TRUCK], everybody[everybody["kind"] != TRUCK]
@@ -249,12 +249,12 @@ def test_truck_drivers_want_no_more_than_the_top_speed(model: NddModel, seed: in
 
 
 def test_who_has_less_room_beside_takes_longer_to_change(model: NddModel, seed: int) -> None:
-    """Two cars have 2 m, a car and a truck 1.725 m, two trucks 1.45 m between them; a motorcycle counts as a car."""
+    """Two cars have 1.66 m, a car and a truck 1.385 m, two trucks 1.11 m between them; a motorcycle counts as a car."""
     odd = replace(MIXED, motorcycle_share=0.3)
     everybody = np.concatenate([vehicles[1:] for vehicles in started(model, odd, seed, 300)])
-    for kind, room in enumerate((1.725, 1.45, 2.0)):
+    for kind, room in enumerate((1.385, 1.11, 1.66)):
         times = everybody["change_time"][everybody["kind"] == kind]
-        assert times.min() == pytest.approx(model.initial.change_low * 2.0 / room)
+        assert times.min() == pytest.approx(model.initial.change_low * 1.66 / room)
     alike = started(model, replace(odd, same_duration=True), seed, 20)
     assert {time for vehicles in alike for time in vehicles["change_time"]} == {odd.lane_change_duration}
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hand_built import setting_of
+from hand_built import WIDE, setting_of
 
 from cornerforge.adversary.worlds.drive_bv import allocate_actors, start_worlds
 from cornerforge.adversary.worlds.rewards import reward_numbers
@@ -32,9 +32,8 @@ from cornerforge.sim import (
 )
 from cornerforge.sim.outcome import RUNNING, UNDRAWN
 from cornerforge.sim.world import n_slots
-from cornerforge.types import Odd
 
-ODD = Odd()
+ODD = WIDE
 SLOTS = n_slots(ODD)
 
 IMPOSSIBLE = {

@@ -8,8 +8,8 @@ from typing import NamedTuple
 from cornerforge._checks import check_in, check_number
 
 __all__ = [
-    "BY_CENTRE", "BY_DECISION", "BY_MOTION", "DECIDED", "HUMAN", "VISIBLE", "Sight", "SightNumbers",
-    "numbers_of_sight",
+    "BY_CENTRE", "BY_DECISION", "BY_MOTION", "DECIDED", "FOLLOWED", "HUMAN", "VISIBLE", "Sight",
+    "SightNumbers", "numbers_of_sight",
 ]  # fmt: skip
 
 BY_CENTRE, BY_DECISION, BY_MOTION = range(3)
@@ -61,6 +61,8 @@ def numbers_of_sight(sight: Sight) -> SightNumbers:
 DECIDED = SightNumbers(BY_DECISION, 0.0, 0.0, False)
 """How vehicles are counted."""
 HUMAN = numbers_of_sight(Sight(indicators=True))
-"""How BVs see each other and the AV."""
+"""How BVs see each other and the AV when they decide on lanes."""
+FOLLOWED = numbers_of_sight(Sight(offset=0.55))
+"""How BVs see what they follow: when it is well off the centre of its old lane. An indicator makes none brake."""
 VISIBLE = numbers_of_sight(Sight())
 """Sight that an AV from outside has."""

@@ -56,7 +56,7 @@ class InitialState:
 
     speed_mean: Annotated[float, meant("Mean over tests.", "m/s", 0, 60)] = 30.05
     stream_sd: Annotated[float, meant("Spread of the tests' means.", "m/s", 0, 10)] = 2.9
-    speed_sd: Annotated[float, meant("Spread within a test.", "m/s", 0.001, 25)] = 1.65
+    speed_sd: Annotated[float, meant("Spread within a test.", "m/s", 0.001, 25)] = 1.8
     speed_low: Annotated[float, meant("Least speed.", "m/s", 0, 60)] = 20.0
     speed_high: Annotated[float, meant("Largest speed.", "m/s", 1, 80)] = 40.0
     follow_share: Share = 0.682
@@ -70,12 +70,12 @@ class InitialState:
     min_ttc: Annotated[float, meant("Least time to collision.", "s", 0, 20)] = 2.5
     free_gap_low: Annotated[float, meant("Least free gap.", "m", 1, 1000)] = 120.0
     free_gap_high: Annotated[float, meant("Largest free gap.", "m", 1, 1000)] = 300.0
-    change_median: Annotated[float, meant("Time of a lane change.", "s", 0, 30)] = 4.8
+    change_median: Annotated[float, meant("Time of a lane change.", "s", 0, 30)] = 6.3
     change_sigma: Annotated[float, meant("Of its log-normal law.", "", 0, 2)] = 0.35
-    change_low: Annotated[float, meant("Shortest lane change.", "s", 0.5, 30)] = 3.4
-    change_high: Annotated[float, meant("Longest lane change.", "s", 0.5, 30)] = 13.6
+    change_low: Annotated[float, meant("Shortest lane change.", "s", 0.5, 30)] = 4.2
+    change_high: Annotated[float, meant("Longest lane change.", "s", 0.5, 30)] = 17.0
     signal_share: Share = 0.52
-    noise_spread: Annotated[float, meant("Of the odds of an outer acceleration.", "", 0, 2)] = 0.183
+    noise_spread: Annotated[float, meant("Of the odds of an outer acceleration.", "", 0, 2)] = 0.166
     vigilance_sigma: Annotated[float, meant("Of how often a driver looks away.", "", 0, 1.5)] = 0.8
 
 

@@ -21,7 +21,7 @@ from cornerforge.drivers.naturalistic import (
     lane_change_base,
     turn_back_chance,
 )
-from cornerforge.drivers.sight import HUMAN
+from cornerforge.drivers.sight import FOLLOWED, HUMAN
 from cornerforge.ndd.memory import away_chance, own_rank, remembered_share, word_at
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
@@ -283,7 +283,7 @@ def _leads(w: World, i: int, road: RoadNumbers) -> tuple[int, int, int]:
     third = -1
     for lane in range(road.n_lanes):
         if v[i].lanes & (1 << lane):
-            j, _ = neighbours_in_lane(w, i, lane, road.lane_width, HUMAN)
+            j, _ = neighbours_in_lane(w, i, lane, road.lane_width, FOLLOWED)
             if j >= 0:
                 third = second
                 second = first

@@ -21,7 +21,7 @@ from cornerforge.drivers.naturalistic import (
     lane_change_base,
     sample_row,
 )
-from cornerforge.drivers.sight import HUMAN
+from cornerforge.drivers.sight import FOLLOWED, HUMAN
 from cornerforge.ndd.memory import away_chance, away_draw, own_word, remembering_word, word_at
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.actions import nearest_action
@@ -101,7 +101,7 @@ def _worst_follow(
             break
         if v[j].present == 0:
             continue
-        seen = lanes_seen(v, j, road.lane_width, HUMAN)
+        seen = lanes_seen(v, j, road.lane_width, FOLLOWED)
         if seen & wanted == 0:
             continue
         room = gap(v, i, j)
@@ -273,7 +273,7 @@ def _all_naturalistic(w: World, controlled_action: int, setting: Setting, s: Scr
             v[i].action = action
             if action < FIRST_ACCELERATION:
                 changes += 1
-        seen = lanes_seen(v, i, road.lane_width, HUMAN)
+        seen = lanes_seen(v, i, road.lane_width, FOLLOWED)
         for lane in range(road.n_lanes):
             if seen & (1 << lane):
                 s.front[lane] = i

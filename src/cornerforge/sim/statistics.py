@@ -26,39 +26,12 @@ if TYPE_CHECKING:
     from cornerforge.sim.world import World
 
 __all__ = [
-    "AV_STATES",
-    "BESIDE",
-    "BV_STATES",
-    "BV_TRAVEL_MM",
-    "CRASHED_BVS",
-    "CUT_INS",
-    "CUT_IN_BANDS",
-    "CUT_IN_PAIRS",
-    "EVERYBODY",
-    "EXPOSURE",
-    "FOLLOWING_ACCELERATION",
-    "FOLLOWING_STATES",
-    "FREE_ACCELERATION",
-    "JOINT",
-    "LANE_CHANGES",
-    "NOBODY_COUNTED",
-    "SPEED_DIFFERENCE_BESIDE",
-    "TRAFFIC",
-    "TTC_BELOW",
-    "TTC_LIMITS",
-    "Census",
-    "Counts",
-    "HistogramGrid",
-    "allocate_counts",
-    "census_of",
-    "count_av",
-    "count_choices",
-    "count_states",
-    "count_travel",
-    "grid_edges",
-    "histogram_quantile",
-    "histogram_summary",
-]
+    "AV_STATES", "BESIDE", "BV_STATES", "BV_TRAVEL_MM", "CRASHED_BVS", "CUT_INS", "CUT_IN_BANDS", "CUT_IN_PAIRS",
+    "EVERYBODY", "EXPOSURE", "FOLLOWING_ACCELERATION", "FOLLOWING_STATES", "FREE_ACCELERATION", "JOINT",
+    "LANE_CHANGES", "NOBODY_COUNTED", "SPEED_DIFFERENCE_BESIDE", "TRAFFIC", "TTC_BELOW", "TTC_LIMITS", "Census",
+    "Counts", "HistogramGrid", "allocate_counts", "census_of", "count_av", "count_choices", "count_states",
+    "count_travel", "grid_edges", "histogram_quantile", "histogram_summary",
+]  # fmt: skip
 
 
 class HistogramGrid(NamedTuple):
@@ -420,10 +393,9 @@ def count_choices(w: World, road: RoadNumbers, counts: Counts) -> None:
         acceleration = 0.0
         if v[i].action >= FIRST_ACCELERATION:
             acceleration = _ACCELERATIONS[v[i].action - FIRST_ACCELERATION]
-        else:
+        elif w.seen[i].lanes & (1 << v[i].target_lane) == 0:  # to turn back is no lane change
             counts.totals[LANE_CHANGES] += 1
-            if w.seen[i].lanes & (1 << v[i].target_lane) == 0:
-                _count_accepted(w, i, v[i].target_lane, counts)
+            _count_accepted(w, i, v[i].target_lane, counts)
         _count(counts, 4, acceleration)
         row = FOLLOWING_ACCELERATION if w.seen[i].as_what == _FOLLOWING else FREE_ACCELERATION
         _count_joint(counts, row, w.seen[i].speed, acceleration)

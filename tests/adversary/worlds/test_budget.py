@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hand_built import setting_of
+from hand_built import WIDE, setting_of
 
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.worlds.drive_bv import Exploring, allocate_actors, collect, start_worlds
@@ -17,7 +17,6 @@ from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.observe import N_OBSERVATION, UNITS_PER_NAT, budget_units
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.world import n_slots, world_of
-from cornerforge.types import Odd
 
 WORLDS, STEPS, BUDGET = 48, 40, 6.0
 REWARD = reward_numbers("crash", 1.0)
@@ -25,7 +24,7 @@ AT_RANDOM = Exploring(UNIFORM, NO_POLICY, 0.0, 0, 0.0)
 
 
 def test_worlds_that_learn_keep_to_their_budget(model: NddModel) -> None:
-    odd = Odd()
+    odd = WIDE
     setting = setting_of(model, odd, bounded=True, budget=BUDGET).with_drivers(critical=TOLD)
     actors = allocate_actors(WORLDS, setting, n_slots(odd), N_OBSERVATION)
     observation, allowed, state = actors.observation, actors.allowed, actors.worlds.state[:, 0]
@@ -63,7 +62,7 @@ def test_worlds_that_learn_keep_to_their_budget(model: NddModel) -> None:
 
 
 def test_without_a_budget_nothing_is_counted(model: NddModel) -> None:
-    odd = Odd()
+    odd = WIDE
     setting = setting_of(model, odd, bounded=True).with_drivers(critical=TOLD)
     actors = allocate_actors(4, setting, n_slots(odd), N_OBSERVATION)
     scratch, nothing = allocate_scratch(n_slots(odd), NO_POLICY), keep_nothing(n_slots(odd))
@@ -76,7 +75,7 @@ def test_without_a_budget_nothing_is_counted(model: NddModel) -> None:
 
 @pytest.mark.parametrize("excess", [0, 1])
 def test_guided_worlds_have_richer_budgets_and_later_worlds_begin_later(model: NddModel, excess: int) -> None:
-    odd, guided, begin = Odd(), WORLDS // 2, 4
+    odd, guided, begin = WIDE, WORLDS // 2, 4
     setting = setting_of(model, odd, bounded=True, budget=BUDGET)
     setting = setting.with_drivers(critical=TOLD, excess=excess, steers_from=begin)
     actors = allocate_actors(WORLDS, setting, n_slots(odd), N_OBSERVATION)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from hand_built import setting_of
+from hand_built import WIDE, setting_of
 
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.train_av import AV_TRAINING
@@ -18,7 +20,6 @@ from cornerforge.sim.controllers import ADVERSARIES
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.world import n_slots
-from cornerforge.types import Odd
 
 B = 16
 NOBODY = np.array([(ADVERSARIES["nobody"], 0)], dtype=HOSTILE)
@@ -29,7 +30,7 @@ class Worlds:
     """B worlds in which an AV explores."""
 
     def __init__(self, model: NddModel, seed: int, mix: np.ndarray, reward: AvReward) -> None:
-        odd = Odd(av_substeps=5)
+        odd = replace(WIDE, av_substeps=5)
         setting = setting_of(model, odd)
         shape = NetworkShape(N_AV_FEATURES, 1, 0, 8)
         network = PolicyNumbers(np.zeros(n_weights(shape), dtype=np.float32), shape.n_inputs, 1, 0, 8)

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from hand_built import setting_of
+from hand_built import WIDE, setting_of
 
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.worlds.drive_bv import Exploring, allocate_actors, collect, start_worlds
@@ -34,9 +34,8 @@ from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import drive_chunk
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.world import VEHICLE, n_slots
-from cornerforge.types import Odd
 
-ROAD = road_numbers(Odd())
+ROAD = road_numbers(WIDE)
 
 
 def random_contacts(seed: int, n: int) -> np.ndarray:
@@ -124,7 +123,7 @@ def test_unknown_rewards_and_times_out_of_range_are_named() -> None:
 @pytest.mark.parametrize("name", [name for name, reward in REWARDS.items() if not reward.by_case])
 @pytest.mark.parametrize("adversary", ["swerve", "lane-changer"])
 def test_collect_pays_as_tests_judged_apart(name: str, adversary: str, model: NddModel, seed: int) -> None:
-    odd, n = Odd(), 24
+    odd, n = WIDE, 24
     setting, slots = setting_of(model, odd, adversary=adversary), n_slots(odd)
     told = setting.with_drivers(critical=TOLD)
     exploring = Exploring(ADVERSARIES[adversary], NO_POLICY, 0.0, 0, 0.0)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_built import setting_of
+from hand_built import WIDE, setting_of
 
 from cornerforge._philox import PURPOSE_DECIDE, blocks
 from cornerforge.experiment.av_file import av_of
@@ -39,11 +39,11 @@ from cornerforge.sim.snapshot import copy_of
 from cornerforge.sim.steering import LANE, hold_to, let_go
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import MAX_BRANCH, World, allocate_worlds, moment_of, n_slots, world_of
-from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, Odd
+from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION
 
 pytestmark = pytest.mark.full
 
-ODD = Odd()
+ODD = WIDE
 SLOTS = n_slots(ODD)
 ODD_DECISIONS = road_numbers(ODD).max_decisions
 SIGMAS = 5.0

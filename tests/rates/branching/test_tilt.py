@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_built import setting_of
+from hand_built import WIDE, setting_of
 
 from cornerforge.experiment.av_file import av_of
 from cornerforge.ndd.model import NddModel
@@ -15,11 +15,10 @@ from cornerforge.rates.branching.drive import DrivenTrees, drive_trees
 from cornerforge.rates.branching.population import Plan, Tilt, tree_of
 from cornerforge.sim import Script, ScriptDriver, Setting, simulate
 from cornerforge.sim.world import n_slots
-from cornerforge.types import Odd
 
 pytestmark = pytest.mark.full
 
-ODD = Odd()
+ODD = WIDE
 SLOTS = n_slots(ODD)
 SIGMAS = 5.0
 """A right sampler is further off with a chance of 6e-7."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_built import setting_of
+from hand_built import WIDE, setting_of
 
 from cornerforge.experiment.av_file import av_of
 from cornerforge.ndd.model import NddModel
@@ -15,11 +15,10 @@ from cornerforge.rates.branching.drive import drive_trees
 from cornerforge.rates.teaching import plan_of, teach
 from cornerforge.rates.weighted import always_valid_interval, weighted_rate
 from cornerforge.sim import n_slots, simulate
-from cornerforge.types import Odd
 
 TREES, BLOCK, TARGET = 1_000_000, 1_000, 0.3
 PLAIN = 1_000_000
-ODD = Odd(n_lanes=2)
+ODD = replace(WIDE, n_lanes=2)
 SIGMAS = 5.0
 
 

@@ -2,10 +2,10 @@
 
 The shipped model's data hold no tracks of all lanes at 20-40 m/s (NGSIM US-101 is a weaving section, far above the
 usual rate). So no value here is fitted to trajectories (`lane_fit` fits some of them to a user's): the rate is set to
-about 0.34 lane changes per vehicle-mile (between 0.36, Lee, Olsen, Wierwille 2004, and 0.20, Krajewski et al. 2018),
-desire grows behind a slower leader, and gap acceptance was chosen so that simulated cut-ins at 25-35 m/s have the gaps,
-time gaps, times to collision and closing speeds of the 44,394 recorded ones of the Safety Pilot Model Deployment
-(docs/adr/0024-natural-traffic.md).
+about 0.36 lane changes per vehicle-mile (between 0.36, Lee, Olsen, Wierwille 2004, and 0.20, Krajewski et al. 2018),
+desire grows behind a slower leader, and gap acceptance was fitted so that simulated cut-ins at 25-35 m/s have the gaps,
+time gaps, times to collision and closing speeds, and these together, of the 44,373 recorded ones of the Safety Pilot
+Model Deployment (docs/adr/0070-joint-law.md).
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ __all__ = ["LaneChange"]
 
 Floats = NDArray[np.float64]
 
+_UNSEEN = 1e-9
+"""A vehicle that closes no faster [m/s] is never seen to grow."""
 _SURE = 0.999
 """Share from which on all drivers accept: a gap that 999 of 1000 accept, all accept."""
 
@@ -29,14 +31,15 @@ _SURE = 0.999
 class LaneChange:
     """Desire and gap acceptance of a lane change.
 
-    A gap is accepted with the chance Phi((ln gap - ln G) / doubt), G = standstill + reaction c + c^2 / (2 braking), c
-    the closing speed: `lead_standstill`, `lead_reaction`, `lead_doubt` for the vehicle ahead, `rear_...` for the one
-    behind, `accept_braking` for both. It is 0 only where the bodies overlap lengthwise.
+    The gap ahead is accepted with the chance Phi((ln gap - ln G) / `lead_doubt`), G = `lead_standstill` +
+    `lead_reaction` c + c^2 / (2 `accept_braking`), c the closing speed. It is 0 only where the bodies overlap
+    lengthwise; so is the chance for the gap behind.
 
-    People change ahead of a vehicle that hardly closes, or ahead of one that closes by several m/s, and seldom between:
-    half of the recorded closing cut-ins close by less than 0.56 m/s, one in twenty by more than 3.2. So most drivers
-    wait for a vehicle behind that closes (`rear_reaction` is long), and the share `misjudge` looks at the gap alone.
-    That is an error that attentive drivers make too. With the chance `overlook` a driver does not look at all.
+    The gap behind must be long enough, Phi((ln gap - ln `rear_standstill`) / `rear_doubt`), and the vehicle there must
+    not be seen to close. People see that by how fast its image grows, as c / gap^2 (Hoffmann and Mortimer 1996,
+    Accident Analysis and Prevention 28: 415-421): Phi((ln(gap^2 / c) - ln `rear_looming`) / `rear_looming_doubt`). The
+    share `misjudge` does not see it so, and judges as by the gap ahead, with the numbers `misjudge_...`. That is an
+    error that attentive drivers make too. With the chance `overlook` a driver does not look at all.
 
     The desire has a factor of this kind for the driver's own leader, the numbers `own_...`: hardly any driver begins a
     change, which holds its speed for a second, close behind a leader or closing in on one fast.
@@ -47,26 +50,30 @@ class LaneChange:
     `rate` is per 1 s decision and side at a desire of 1.
     """
 
-    rate: float = 0.0150
+    rate: float = 0.0133
     slower_leader: float = field(default=1.0, metadata={"unit": "s/m"})
     near: float = field(default=60.0, metadata={"unit": "m"})
     desire_free: float = 0.5
     standstill: float = field(default=6.0, metadata={"unit": "m"})
-    rear_doubt: float = 0.95
-    rear_standstill: float = field(default=25.0, metadata={"unit": "m"})
-    rear_reaction: float = field(default=300.0, metadata={"unit": "s"})
+    rear_doubt: float = 0.7
+    rear_standstill: float = field(default=12.0, metadata={"unit": "m"})
+    rear_looming: float = field(default=20000.0, metadata={"unit": "m s"})
+    rear_looming_doubt: float = 1.5
     lead_doubt: float = 0.45
     lead_standstill: float = field(default=11.0, metadata={"unit": "m"})
     lead_reaction: float = field(default=2.0, metadata={"unit": "s"})
-    misjudge: float = 0.07
+    misjudge: float = 0.4
+    misjudge_gap: float = field(default=28.0, metadata={"unit": "m"})
+    misjudge_reaction: float = field(default=1.0, metadata={"unit": "s"})
+    misjudge_doubt: float = 0.15
     accept_braking: float = field(default=4.0, metadata={"unit": "m/s2"})
-    reaction: float = field(default=1.0, metadata={"unit": "s"})
-    braking: float = field(default=3.0, metadata={"unit": "m/s2"})
+    reaction: float = field(default=3.5, metadata={"unit": "s"})
+    braking: float = field(default=6.0, metadata={"unit": "m/s2"})
     own_standstill: float = field(default=9.0, metadata={"unit": "m"})
     own_doubt: float = 0.35
     own_reaction: float = field(default=1.0, metadata={"unit": "s"})
     own_braking: float = field(default=3.0, metadata={"unit": "m/s2"})
-    overlook: float = 0.0015
+    overlook: float = 0.0008
     overlook_conflict: float = 1e-4
 
     def base(self) -> Floats:
@@ -95,10 +102,11 @@ class LaneChange:
 
     def accept_rear(self, *, sure: float = _SURE) -> Floats:
         """Return the same for the vehicle behind; range rate front minus rear, < 0: closing."""
-        usual = _critical_gap(RANGE_RATES, self.rear_standstill, self.rear_reaction, self.accept_braking)
-        careful = _accept(usual, self.rear_doubt, sure)
-        by_gap_alone = _accept(np.full(RANGE_RATES.size, self.rear_standstill), self.rear_doubt, sure)
-        return (1.0 - self.misjudge) * careful + self.misjudge * by_gap_alone
+        looming = np.sqrt(self.rear_looming * np.maximum(-RANGE_RATES, _UNSEEN))
+        sees = _accept(looming, 0.5 * self.rear_looming_doubt, sure)
+        careful = _accept(np.full(RANGE_RATES.size, self.rear_standstill), self.rear_doubt, sure) * sees
+        usual = _critical_gap(RANGE_RATES, self.misjudge_gap, self.misjudge_reaction, self.accept_braking)
+        return (1.0 - self.misjudge) * careful + self.misjudge * _accept(usual, self.misjudge_doubt, sure)
 
     def turn_back(self) -> Floats:
         """Return the chance to turn back for a neighbour by (gap, range rate), shape (116, 19): 0 or 1."""

@@ -21,7 +21,6 @@ from cornerforge.ext.calibrate.lane_change import LaneChange
 from cornerforge.ext.calibrate.lane_observations import DWELL, LaneTracks, lane_crossings, lane_tracks
 from cornerforge.ext.calibrate.readers import Reading
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID
-from cornerforge.ndd.initial import InitialState
 from cornerforge.ndd.model import GAPS
 
 __all__ = ["BEGINS_BEFORE", "LENGTHS", "SecondsAtRisk", "joined_seconds", "seconds_at_risk"]
@@ -30,8 +29,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-BEGINS_BEFORE = InitialState().change_median / 2.0
-"""Time from the start of a lane change to the crossing [s]: half of the median duration."""
+BEGINS_BEFORE = 2.4
+"""Time from the start of a lane change to the crossing [s]: half of the median duration as people measure it."""
 _IN_BOTH = 1.0
 """Time before and after the crossing for which a vehicle counts as in both lanes [s], less than `BEGINS_BEFORE`: else a
 vehicle that begins to change would block itself."""

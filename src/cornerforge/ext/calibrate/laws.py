@@ -19,10 +19,12 @@ from numpy.typing import NDArray
 
 from cornerforge.types import ACCELERATION_STEP, ACCELERATIONS
 
-__all__ = ["FollowingLaw", "IdmLaw", "LogLaw", "bin_index", "bin_probabilities", "fit_law", "log_likelihood"]
+__all__ = ["ENDLESS", "FollowingLaw", "IdmLaw", "LogLaw", "bin_index", "bin_probabilities", "fit_law", "log_likelihood"]
 
 Floats = NDArray[np.float64]
 
+ENDLESS = 1e6
+"""`LogLaw.opening` [m/s] at which drivers follow a leader that draws away at all speeds; of files that say none."""
 MIN_GAP = 0.5
 """Smaller gaps count as this [m], so that a touching pair has a finite law."""
 _EDGES: Floats = np.concatenate([[-np.inf], ACCELERATIONS[:-1] + ACCELERATION_STEP / 2, [np.inf]])
@@ -55,29 +57,34 @@ def _scale(law: LogLaw | IdmLaw, speed: Floats, gap: Floats, range_rate: Floats)
 class LogLaw:
     """A law that follows the leader's speed and pulls the logarithm of the time gap gently to its usual value.
 
-    mean = response * rr * (v + 1)^0.24 / (gap + reach) + pull * ln(tg / headway) - 0.067 c^2 / (2 gap) + offset,
-    with time gap tg = gap / (v + 0.55) and closing speed c = max(-rr, 0);
+    mean = f + pull * ln(tg / headway) - 0.067 c^2 / (2 gap) + offset, with time gap tg = gap / (v + 0.55) and closing
+    speed c = max(-rr, 0); f = response * rr * (v + 1)^0.24 / (gap + reach) where the gap closes. Where it opens,
+    f / (1 + f ((v + 1) / opening)^opening_power): people follow a leader that draws away the less, the faster they are;
     scale = spread + spread_closing |rr| / gap^spread_power, less below 7 m/s (`_scale`).
 
     The defaults were fitted to the NGSIM files of the default model; they are used where a user has too few data.
     The pull on a logarithm, unlike the IDM's, lets drivers keep very different time gaps, as real drivers do.
     """
 
-    response: float = 3.486
-    reach: float = field(default=5.122, metadata={"unit": "m"})
-    pull: float = field(default=0.03588, metadata={"unit": "m/s2"})
+    response: float = 3.793
+    reach: float = field(default=5.516, metadata={"unit": "m"})
+    pull: float = field(default=0.02696, metadata={"unit": "m/s2"})
     headway: float = field(default=1.6, metadata={"unit": "s"})
-    offset: float = field(default=0.001846, metadata={"unit": "m/s2"})
-    spread: float = field(default=0.2867, metadata={"unit": "m/s2"})
-    spread_closing: float = 0.6814
-    spread_power: float = 0.7707
-    degrees: float = 5.443
+    offset: float = field(default=0.01105, metadata={"unit": "m/s2"})
+    spread: float = field(default=0.29, metadata={"unit": "m/s2"})
+    spread_closing: float = 0.6185
+    spread_power: float = 0.7612
+    degrees: float = 5.396
+    opening: float = field(default=19.51, metadata={"unit": "m/s"})
+    opening_power: float = 1.722
 
     def mean(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
         """Centre of the acceleration's distribution [m/s2]; gaps below 0.5 m count as 0.5 m."""
         gap = np.maximum(gap, MIN_GAP)
         closing = np.maximum(-range_rate, 0.0)
         follow = self.response * range_rate * (speed + 1.0) ** 0.24 / (gap + self.reach)
+        less = np.minimum((speed + 1.0) / self.opening, 1e3) ** self.opening_power
+        follow /= 1.0 + np.maximum(follow, 0.0) * less
         pull = self.pull * np.log(gap / (speed + 0.55) / self.headway)
         return np.asarray(follow + pull - 0.067 * closing**2 / (2.0 * gap) + self.offset)
 

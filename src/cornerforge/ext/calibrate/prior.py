@@ -10,12 +10,12 @@ traffic meets the published facts with few crashes: docs/results.md.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.ext.calibrate.laws import MIN_GAP, LogLaw, bin_probabilities
+from cornerforge.ext.calibrate.laws import ENDLESS, MIN_GAP, LogLaw, bin_probabilities
 from cornerforge.ndd.memory import Memory
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS
 from cornerforge.types import ACCELERATION_STEP, ACCELERATIONS
@@ -43,7 +43,8 @@ class SafeLaw:
     """A fitted law, blended into a safe response where the leader is near or the gap closes fast.
 
     The weight of the safe response is 1 below `time_gap_full` or `ttc_full`, 0 above both `time_gap_none` and
-    `ttc_none`, smooth between. It is for motorway speeds: it fades out from `speed_full` down to `speed_none`, below
+    `ttc_none`, smooth between. With it drivers follow a leader that draws away at all speeds: else streams slow down by
+    themselves. It is for motorway speeds: it fades out from `speed_full` down to `speed_none`, below
     which only the fitted law acts. (Queues crawl at time gaps that would be reckless on a motorway.)
 
     From `motorway_none` to `motorway_full`, `pull` and `headway` replace the law's own, and the noise shrinks to the
@@ -88,6 +89,9 @@ class SafeLaw:
         gap = np.maximum(gap, MIN_GAP)
         closing = np.maximum(-range_rate, 0.0)
         fitted = self.law.mean(speed, gap, range_rate)
+        always = replace(self.law, opening=ENDLESS).mean(speed, gap, range_rate)
+        share = np.clip((speed - self.speed_none) / (self.speed_full - self.speed_none), 0.0, 1.0)
+        fitted += share * (always - fitted)
         extra = self.response / (gap + self.reach) - self.law.response / (gap + self.law.reach)
         stronger = -np.maximum(extra, 0.0) * closing * (speed + 1.0) ** 0.24
         time_gap = gap / np.maximum(speed, 1.0)
@@ -97,7 +101,6 @@ class SafeLaw:
         safe = fitted + self.weight(speed, gap, range_rate) * stronger + repelled
         floor = -(closing**2) / (2.0 * np.maximum(gap - self.floor_margin, MIN_GAP))
         safe = np.where(closing > 0.0, np.minimum(safe, floor), safe)
-        share = np.clip((speed - self.speed_none) / (self.speed_full - self.speed_none), 0.0, 1.0)
         return np.asarray(fitted + share * (safe - fitted))
 
     def _motorway(self, speed: Floats) -> Floats:

@@ -54,7 +54,7 @@ UNCERTAIN: tuple[Uncertain, ...] = (
     Uncertain("law", "response", 0.17, f"at a gap of 30 m: {_FILES}", measured=True),
     Uncertain("law", "spread", 0.12, _FILES, measured=True),
     Uncertain("law", "degrees", 0.49, f"{_FILES}; at least 3, as no file says less than 4.6", least=3.0, measured=True),
-    Uncertain("initial", "noise_spread", 0.49, "bootstrap over drivers, 0.040 to 0.276 (ADR 29)", 2.0, measured=True),
+    Uncertain("initial", "noise_spread", 0.49, "bootstrap over drivers, 0 to 0.26 (ADR 70)", 2.0, measured=True),
     Uncertain("safe", "response", 0.25, "set by hand so that BVs crash about as often as people (ADR 24)"),
     Uncertain("model", "overlook", 0.69, "a factor of 2: set by the national mix of crashes (ADR 27)", 1.0),
     Uncertain("model", "overlook_conflict", 0.69, "a factor of 2, as overlook (ADR 27)", 1.0),
@@ -66,10 +66,10 @@ UNCERTAIN: tuple[Uncertain, ...] = (
     Uncertain("initial", "signal_share", 0.15, "one published share; 0.6 and 0.75 were tried (ADR 24)", 1.0),
     Uncertain("initial", "desire_share", 0.30, "chosen with simulated traffic in view (ADR 24)", 1.0),
     Uncertain("lane_change", "rate", 0.30, "published 0.36 and 0.20 changes a mile (Lee 2004, Krajewski 2018)", 0.5),
-    Uncertain("lane_change", "misjudge", 0.40, "closing cut-ins are half as frequent as recorded ones (ADR 24)", 1.0),
-    Uncertain("lane_change", "rear_standstill", 0.15, "matched by hand to recorded cut-ins (ADR 24)"),
+    Uncertain("lane_change", "misjudge", 0.40, "closing cut-ins are two thirds of recorded ones (ADR 70)", 1.0),
+    Uncertain("lane_change", "rear_standstill", 0.15, "matched to recorded cut-ins (ADR 70)"),
     Uncertain("lane_change", "lead_standstill", 0.15, "matched by hand to recorded cut-ins (ADR 24)"),
-    Uncertain("lane_change", "rear_reaction", 0.40, "only its being long is told by recorded cut-ins (ADR 24)"),
+    Uncertain("lane_change", "rear_looming", 0.40, "matched to recorded cut-ins (ADR 70)"),
 )
 """Uncertain numbers of the shipped model, and their spread."""
 DESIGN_EFFECT = 1.12

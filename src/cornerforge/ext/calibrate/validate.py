@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_number
 from cornerforge.errors import DataError, FileFormatError, InputError
 from cornerforge.ext.calibrate.decisions import Decisions, concatenate
-from cornerforge.ext.calibrate.laws import IdmLaw, LogLaw, bin_index
+from cornerforge.ext.calibrate.laws import ENDLESS, IdmLaw, LogLaw, bin_index
 from cornerforge.ext.calibrate.prior import SafeLaw
 from cornerforge.ext.calibrate.readers import Reading, reading_names
 from cornerforge.ext.calibrate.resampling import bootstrap_mean, distance, owner_sums
@@ -117,7 +117,7 @@ def stated_law(model: NddModel) -> SafeLaw | None:
         numbers = dict(stated)  # type: ignore[call-overload]
         inner = {name: check_number(name, value, low=-1e6, high=1e6) for name, value in numbers.pop("law").items()}
         outer = {name: check_number(name, value, low=-1e6, high=1e6) for name, value in numbers.items()}
-        return SafeLaw(LogLaw(**inner), **outer)
+        return SafeLaw(LogLaw(**{"opening": ENDLESS, **inner}), **outer)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise FileFormatError(
             f"The model's provenance states no usable following law ({error}); fit it again."
