@@ -43,17 +43,9 @@ if TYPE_CHECKING:
     from cornerforge.experiment.experiments import Experiment
 
 __all__ = [
-    "TEACHING_TREES",
-    "DangerLearner",
-    "Taught",
-    "blind_plan",
-    "level_of",
-    "own_bias",
-    "plan_of",
-    "shipped_network",
-    "teach",
-    "tilted_plan_of",
-]
+    "TEACHING_TREES", "DangerLearner", "Taught", "blind_plan", "level_of", "own_bias", "plan_of", "shipped_network",
+    "teach", "tilted_plan_of",
+]  # fmt: skip
 
 Floats = NDArray[np.float64]
 

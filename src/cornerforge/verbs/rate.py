@@ -55,13 +55,7 @@ def rate(options: Rate) -> NaturalRate:
 
 @verb(Rate)
 def rate_without_copies(options: Rate) -> NaturalRate:
-    """Measure the rate as `rate` does, but where method auto finds counting too slow, by importance sampling.
-
-    That asks an AV from outside no question twice.
-
-    Returns, raises:
-        As `rate`.
-    """
+    """Do as `rate`; where method auto finds counting too slow, sample by importance: no AV is asked twice."""
     return _measured(options, "is")
 
 
@@ -103,13 +97,9 @@ def _measured(options: Rate, weighted: str) -> NaturalRate:
         else:
             reason = _why_trees(session.counts) if options.method == "auto" else ASKED
             split = Splitting(
-                run,
-                options.seed,
-                folder,
-                threads=run.processes(options.threads),
-                progress=options.progress,
+                run, options.seed, folder, threads=run.processes(options.threads), progress=options.progress,
                 tilted=(weighted if options.method == "auto" else options.method) == "is",
-            )
+            )  # fmt: skip
             summary = _split(session, split, reason, options.target_rhw, options.max_tests)
     summary = replace(summary, target_rhw=options.target_rhw)
     if options.model_draws:

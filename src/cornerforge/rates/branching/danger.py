@@ -21,18 +21,9 @@ if TYPE_CHECKING:
     from cornerforge.sim import World
 
 __all__ = [
-    "N_SEEN",
-    "REACH",
-    "WIDTH",
-    "Ahead",
-    "Intent",
-    "Network",
-    "add_ahead",
-    "danger",
-    "look_ahead",
-    "look_at",
+    "N_SEEN", "REACH", "WIDTH", "Ahead", "Intent", "Network", "add_ahead", "danger", "look_ahead", "look_at",
     "untaught",
-]
+]  # fmt: skip
 
 N_SEEN = 32
 """Numbers that are seen of a BV and the AV; a multiple of 4, as WIDTH."""
