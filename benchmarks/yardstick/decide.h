@@ -13,6 +13,7 @@
 enum { ACTION_HOLD = 22 };
 
 static const Sight HUMAN = {BY_MOTION, 0.375, 0.0, 1};
+static const Sight FOLLOWED = {BY_MOTION, 0.55, 0.0, 0};
 
 static inline int64_t lane_entered(const Vehicle *v, double lane_width, const Sight *sight) {
     if (sight->by == BY_DECISION || v->duration == 0.0 || (sight->by == BY_MOTION && sight->indicators && v->signals))
@@ -193,7 +194,7 @@ static int64_t worst_follow(
         double dx = v[j].x - v[i].x;
         if (dx >= SIGHT) break;
         if (v[j].present == 0) continue;
-        int64_t seen = lanes_seen(&v[j], road->lane_width, &HUMAN);
+        int64_t seen = lanes_seen(&v[j], road->lane_width, &FOLLOWED);
         if ((seen & wanted) == 0) continue;
         double here = dx - road->length, closing = v[j].speed - v[i].speed;
         int64_t row = following_row(v[i].speed, v[i].desired_speed, here, closing, rounding);
@@ -390,7 +391,7 @@ static int64_t all_naturalistic(World *w, int64_t seed, int64_t test, const Road
             v[i].action = looks_away(w, i, tables) ? ACTION_HOLD : decide_naturalistic(w, rank, road, tables);
             if (v[i].action < 2) changes++;
         }
-        int64_t seen = lanes_seen(&v[i], road->lane_width, &HUMAN);
+        int64_t seen = lanes_seen(&v[i], road->lane_width, &FOLLOWED);
         for (int64_t lane = 0; lane < road->n_lanes; lane++)
             if (seen & ((int64_t)1 << lane)) ahead[lane] = i;
     }
