@@ -162,7 +162,7 @@ def road(av: dict[str, float], *vehicles: tuple[float, float]) -> tuple[ScriptDr
     driver = ScriptDriver(run.setting._replace(av=numbers_of_av(model)), run.odd)
     fields = np.zeros((len(vehicles), len(START_FIELDS)))
     for row, (x, speed) in zip(fields, vehicles, strict=True):
-        values = {"x": x, "y": 6.0, "speed": speed, "target_lane": 1, "lanes": 2, "length": 5.0, "width": 2.0}
+        values = {"x": x, "y": 5.49, "speed": speed, "target_lane": 1, "lanes": 2, "length": 5.0, "width": 2.0}
         values |= {"quantile": 0.5, "habit": 0.5, "desired_speed": speed}  # everybody wants the speed that it has
         row[:] = [values.get(name, 0.0) for name in START_FIELDS]
     slots = np.arange(len(vehicles), dtype=np.int16)
