@@ -19,7 +19,7 @@ in this order, the first that fits names the case, else "none" (docs/adr/0069-on
 4. It ran into the rear of one behind which it had followed for 2 s with a time gap of less than 0.8 s, without closing
    in (1 m/s): `too-close`.
 5. `brakes-hard`: struck by one behind it, before which it had braked with 3 m/s2 or more within 3 s, where at least
-   three of the four reference drivers saw no danger and to keep its speed would have been enough.
+   three of the four reference drivers saw no danger, none braked so hard, and to keep its speed would have been enough.
 6. `reacts-late`: at least three of the four reference drivers would have prevented it by braking.
 
 Cut in by another vehicle too near for most of them, struck from behind or from the side while it kept its lane and

@@ -48,6 +48,8 @@ __all__ = [
 _CHUNK = 256
 _NOBODY = "nobody"
 _OWN = -1.0
+_HARD = 3.0
+"""Braking of a reference driver from which the AV's braking was not for nothing [m/s2]."""
 MOST = 3
 """Reference drivers, of four, that speak for a careful driver: one or two of them differ too much from the others."""
 
@@ -152,8 +154,8 @@ class Prevention:
 
     @property
     def needless(self) -> NDArray[np.bool_]:
-        """Mark the cases in which the AV's speed would have been enough and most drivers saw no danger, bool (C,)."""
-        return self.held & self.calm
+        """Mark the cases in which the AV's speed would have been enough and no driver braked hard, bool (C,)."""
+        return np.asarray(self.held & self.calm & (self.braking.max(axis=1) < _HARD))
 
     def ways(self, slow: NDArray[np.bool_], begun: NDArray[np.bool_]) -> NDArray[np.str_]:
         """Say of each case what would have prevented it, one of `PREVENTION`, (C,).
