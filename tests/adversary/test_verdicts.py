@@ -155,7 +155,7 @@ def test_a_yield_counts_what_is_paid_for() -> None:
 @pytest.mark.parametrize("bounded", [False, True])
 def test_train_says_what_was_paid_for(bounded: bool, tmp_path: Path) -> None:
     found = cornerforge.train(
-        out=tmp_path / "p.safetensors", reward="own-fault", decisions=20_480, tests=200, bounded=bounded, threads=1
+        out=tmp_path / "p.safetensors", reward="own-fault", decisions=20_480, tests=1_000, bounded=bounded, threads=1
     )
     assert found.reward == "own-fault"
     assert found.paid_per_test is not None

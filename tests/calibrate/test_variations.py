@@ -68,8 +68,8 @@ def test_many_at_once_are_the_same_as_one_after_the_other(model: NddModel, tmp_p
     assert (at_once.overlook, at_once.memory) == (after_each_other.overlook, after_each_other.memory)
     said: Any = at_once.provenance
     assert said["lane_change"]["rate"] == pytest.approx(2.0 * 0.0133)
-    assert said["lane_change"]["overlook"] == pytest.approx(0.0030)
-    assert said["following"]["law"]["degrees"] == pytest.approx(3.0 * 5.443)
+    assert said["lane_change"]["overlook"] == pytest.approx(2.0 * 0.0008)
+    assert said["following"]["law"]["degrees"] == pytest.approx(3.0 * 5.396)
     assert model_hash(varied_model(model, [])) == model_hash(model)
 
 

@@ -71,7 +71,7 @@ def test_every_case_becomes_the_same_crash_and_no_larger(swerve_library: Path, s
     for name, column in (("vehicles", "n_vehicles"), ("decisions", "n_decisions"), ("seconds", "crash_time_s")):
         assert [getattr(row.before, name) for row in said.cases] == stored[column]
     half = {name: getattr(said.median.before, name) / 2 for name in SIZES}
-    assert all(getattr(said.median.after, name) < half[name] for name in SIZES), "it would hardly be worth the name"
+    assert all(getattr(said.median.after, name) <= half[name] for name in SIZES), "it would hardly be worth the name"
 
 
 def smaller_scripts(driver: ScriptDriver, script: Script) -> Iterator[tuple[str, Script]]:
