@@ -44,7 +44,7 @@ def road_name(odd: Odd, first: float = FIRST_METRE, last: float = LAST_METRE) ->
     """Name of a road's file: two roads of one name are the same road.
 
     >>> road_name(Odd()), road_name(Odd(n_lanes=2, lane_width=3.75, max_speed=50.0), -1000.0, 6000.0)
-    ('road-3x4.00.xodr', 'road-2x3.75-50mps_-1000_6000.xodr')
+    ('road-3x3.66.xodr', 'road-2x3.75-50mps_-1000_6000.xodr')
     """
     width = float(odd.lane_width)
     named = f"{width:.2f}" if round(width, 2) == width else repr(width)

@@ -66,7 +66,7 @@ class PlausibilityStudy(AvOptions, Resumable, LongWork):
         meant("Likelihood budget in nats; may be given again. 10, 20, 40, 60, 80.", name="--budget", unit="nats"),
     ] = BUDGETS_NATS
     budget_of: Annotated[
-        str, meant("What budgets limit: shortfall behind the likeliest, or excess over natural.", choices=BUDGETS)
+        str, meant("What --budget limits: shortfall behind the likeliest, or excess over natural.", choices=BUDGETS)
     ] = BUDGETS[0]
     seeds: Annotated[int, meant("Training seeds per budget.", low=1, high=1000)] = 3
     decisions: Annotated[
