@@ -123,7 +123,7 @@ class Splitting:
             self._blocks = list(_read_blocks(self._out / "trees"))
 
     def _teach(self, place: Path | None) -> danger.Network:
-        from cornerforge.rates.teaching import TEACHING_TREES, own_bias, teach
+        from cornerforge.rates.teaching import TEACHING_TREES, teach
 
         begun = time.perf_counter()
         rounds: list[NDArray[np.float64]] = []
@@ -138,7 +138,6 @@ class Splitting:
             self._run.slots,
             seed=_independent(self._seed, _TEACH),
             threads=self._threads,
-            own=own_bias(self._run),
             driver=self._teacher,
             tell=lambda _, driven: rounds.append(driven.trees["weight"]),
             progress=tell,

@@ -19,9 +19,15 @@ from cornerforge._checks import check_number
 from cornerforge.errors import InputError
 
 __all__ = [
-    "LARGEST_SHARE", "LEAST_EFFECTIVE", "LEAST_TREES", "WeightedRate", "always_valid_interval", "first_guess",
-    "plain_doubts", "weighted_rate",
-]  # fmt: skip
+    "LARGEST_SHARE",
+    "LEAST_EFFECTIVE",
+    "LEAST_TREES",
+    "WeightedRate",
+    "always_valid_interval",
+    "first_guess",
+    "plain_doubts",
+    "weighted_rate",
+]
 
 LEAST_EFFECTIVE = 300.0
 """Fewest trees, by `WeightedRate.effective`, that a rate may rest on."""

@@ -27,7 +27,7 @@ from cornerforge.results import NaturalRate, as_json
 from cornerforge.results.driving import Effort
 from cornerforge.verbs.options.driving import Rate
 
-__all__ = ["rate", "rate_without_copies", "why_only_counting"]
+__all__ = ["rate", "why_only_counting"]
 
 PLAIN_TESTS = 4 * BLOCK
 """Plain tests that trees begin with: kinds of crash that a network does not know show there, if they are frequent."""
@@ -50,17 +50,6 @@ def rate(options: Rate) -> NaturalRate:
         CornerForgeError: Input, files or output place are not right.
         KeyboardInterrupt: Interrupted; with `out`, all finished blocks are kept.
     """
-    return _measured(options, "splitting")
-
-
-@verb(Rate)
-def rate_without_copies(options: Rate) -> NaturalRate:
-    """Do as `rate`; where method auto finds counting too slow, sample by importance: no AV is asked twice."""
-    return _measured(options, "is")
-
-
-def _measured(options: Rate, weighted: str) -> NaturalRate:
-    """Measure the rate; `weighted`: what method auto does where counting would take too long."""
     if options.resume and options.out is None:
         raise InputError("There is nothing to resume without out; name the folder: --out FOLDER --resume")
     if options.out is None and options.max_tests > _MANY_TESTS:
@@ -97,9 +86,13 @@ def _measured(options: Rate, weighted: str) -> NaturalRate:
         else:
             reason = _why_trees(session.counts) if options.method == "auto" else ASKED
             split = Splitting(
-                run, options.seed, folder, threads=run.processes(options.threads), progress=options.progress,
-                tilted=(weighted if options.method == "auto" else options.method) == "is",
-            )  # fmt: skip
+                run,
+                options.seed,
+                folder,
+                threads=run.processes(options.threads),
+                progress=options.progress,
+                tilted=options.method == "is",
+            )
             summary = _split(session, split, reason, options.target_rhw, options.max_tests)
     summary = replace(summary, target_rhw=options.target_rhw)
     if options.model_draws:

@@ -21,18 +21,27 @@ if TYPE_CHECKING:
     from cornerforge.sim import World
 
 __all__ = [
-    "N_SEEN", "REACH", "WIDTH", "Ahead", "Intent", "Network", "add_ahead", "danger", "look_ahead", "look_at",
+    "N_SEEN",
+    "REACH",
+    "WIDTH",
+    "Ahead",
+    "Intent",
+    "Network",
+    "add_ahead",
+    "danger",
+    "look_ahead",
+    "look_at",
     "untaught",
-]  # fmt: skip
+]
 
-N_SEEN = 32
-"""Numbers that are seen of a BV and the AV; a multiple of 4, as WIDTH."""
+N_SEEN = 29
+"""Numbers that are seen of a BV and the AV."""
 WIDTH = 24
 """Width of both hidden layers."""
 REACH = 90.0
 """BVs further from the AV than this are not looked at [m, centre to centre]."""
 _LEAST_CHANCE = 1e-9
-_SOON, _NEXT, _AV_BRAKES, _AV_BRAKES_MOST = 2.5, 1.0, 6.0, 4.0
+_SOON, _AV_BRAKES, _AV_BRAKES_MOST = 2.5, 6.0, 4.0
 
 
 class Network(NamedTuple):
@@ -185,25 +194,7 @@ def look_at(
     seen[25] = slows * 0.25
     seen[26] = min(max(left, -10.0), 60.0) * 0.05
     seen[27] = 1.0 / (1.0 + max(left, 0.0) * 0.3)
-    faster = sign * (v[0].acceleration - v[i].acceleration)
-    seen[28] = faster * 0.25
-    seen[29] = 1.0 / (1.0 + max(gap - _NEXT * (closing + 0.5 * _NEXT * faster), 0.0) * 0.3)
-    seen[30] = _braking(gap, closing + _NEXT * faster) * 0.2
-    seen[31] = 1.0 / (1.0 + max(soon - (_AV_BRAKES if sign < 0.0 else 0.0), 0.0) * 0.3)
-
-
-@inlined_kernel
-def _add_layer(values: NDArray[np.float32], weights: NDArray[np.float32], rows: int, sums: NDArray[np.float32]) -> None:
-    """Add what `rows` values give with their rows of weights to `sums`, and cut the sums off at 0.
-
-    Four rows at a time: a sum is then loaded and stored a quarter as often, which takes most of the time.
-    """
-    for i in range(0, rows, 4):
-        a, b, c, d = values[i], values[i + 1], values[i + 2], values[i + 3]
-        for o in range(WIDTH):
-            sums[o] += a * weights[i, o] + b * weights[i + 1, o] + c * weights[i + 2, o] + d * weights[i + 3, o]
-    for o in range(WIDTH):
-        sums[o] = max(sums[o], np.float32(0.0))
+    seen[28] = 1.0 / (1.0 + max(soon - (_AV_BRAKES if sign < 0.0 else 0.0), 0.0) * 0.3)
 
 
 @kernel
@@ -212,9 +203,17 @@ def danger(network: Network, seen: NDArray[np.float32], layers: NDArray[np.float
     for o in range(WIDTH):
         layers[0, o] = network.first_bias[o]
         layers[1, o] = network.second_bias[o]
-    _add_layer(seen, network.first, N_SEEN, layers[0])
-    _add_layer(layers[0], network.second, WIDTH, layers[1])
+    for i in range(N_SEEN):
+        x = seen[i]
+        for o in range(WIDTH):
+            layers[0, o] += x * network.first[i, o]
+    for i in range(WIDTH):
+        x = layers[0, i]
+        if x > 0.0:
+            for o in range(WIDTH):
+                layers[1, o] += x * network.second[i, o]
     total = np.float64(network.last[WIDTH])
     for i in range(WIDTH):
-        total += layers[1, i] * network.last[i]
+        if layers[1, i] > 0.0:
+            total += layers[1, i] * network.last[i]
     return exp(min(max(total, -40.0), 0.0))

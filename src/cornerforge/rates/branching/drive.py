@@ -20,7 +20,7 @@ from cornerforge.work import Rooms, cpu_seconds, in_order
 __all__ = ["BUILT_IN_TREES", "DrivenTrees", "TrainingTable", "TreeDriver", "Watched", "drive_trees"]
 
 _ARRAYS = ("trees", "crashes", "actions")
-_ROWS = 2_000
+_ROWS = 400
 """Worlds that wait at once; the stack is as deep as acts and copies of one tree. Without copies it is one world."""
 _CRASHES_PER_TREE = 16
 _MOMENTS_PER_TREE, _SAMPLES_PER_TREE = 400, 4000

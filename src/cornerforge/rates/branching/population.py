@@ -23,9 +23,28 @@ if TYPE_CHECKING:
     from cornerforge.sim import Keep, Scratch, Setting
 
 __all__ = [
-    "BRANCHES", "DRAWS", "LOST", "MOST_PROPOSALS", "NO_TILT", "SECONDS", "TERMINAL_STATE", "TREE", "Plan", "Pool",
-    "Population", "TerminalStates", "Tilt", "allocate_pool", "allocate_terminal_states", "draw", "is_tilted",
-    "steering_of", "survey_world", "tree_of", "value_of", "wait",
+    "BRANCHES",
+    "DRAWS",
+    "LOST",
+    "MOST_PROPOSALS",
+    "NO_TILT",
+    "SECONDS",
+    "TERMINAL_STATE",
+    "TREE",
+    "Plan",
+    "Pool",
+    "Population",
+    "TerminalStates",
+    "Tilt",
+    "allocate_pool",
+    "allocate_terminal_states",
+    "draw",
+    "is_tilted",
+    "steering_of",
+    "survey_world",
+    "tree_of",
+    "value_of",
+    "wait",
 ]  # fmt: skip
 
 TREE = np.dtype(

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 __all__ = ["branch_out", "drive_on", "drive_tree_range", "start_tree"]
 
-MOST_COPIES = 200
+MOST_COPIES = 10
 """A window makes at most so many copies of a world in a second."""
 _ROULETTE_BELOW, _SPLIT_ABOVE, _SEVERAL_ABOVE = 0.5, 2.0, 1.5
 _MOST_DIGITS = 10**15

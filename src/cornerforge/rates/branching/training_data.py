@@ -22,8 +22,14 @@ if TYPE_CHECKING:
     from cornerforge.sim import Setting, World
 
 __all__ = [
-    "NO_MOMENT", "TrainingData", "add_what_followed", "allocate_training_data", "note_act", "note_crash", "note_moment",
-]  # fmt: skip
+    "NO_MOMENT",
+    "TrainingData",
+    "add_what_followed",
+    "allocate_training_data",
+    "note_act",
+    "note_crash",
+    "note_moment",
+]
 
 NO_MOMENT = -1
 """Number of a moment that was not noted."""
