@@ -18,6 +18,7 @@ from cornerforge.rates import binomial_interval
 from cornerforge.rates.branching import danger
 from cornerforge.rates.splitting import pick
 from cornerforge.results import NaturalRate
+from cornerforge.verbs.rate import rate_without_copies
 
 pytestmark = pytest.mark.full
 
@@ -143,9 +144,8 @@ def test_few_trees_are_in_doubt_and_the_exit_status_says_so(
 def test_no_crash_leaves_the_bound_of_the_plain_tests(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nobody is reckless here, and nothing is learned or explored."""
     teaching = importlib.import_module("cornerforge.rates.teaching")
-    monkeypatch.setattr(teaching, "_STEPS", 1)
     monkeypatch.setattr(teaching, "_EXPLORE_LATER", 0.0)
-    monkeypatch.setattr(teaching, "shipped_network", lambda: danger.untaught(1e-6))
+    monkeypatch.setattr(teaching, "shipped_network", lambda _: (danger.untaught(1e-6), True))
     found = cornerforge.rate(method="splitting", max_tests=5_000, seed=1)
     assert (found.state, found.crashes_per_test, found.crash_types["sideswipe"]) == ("no crash", 0.0, 0)
     assert (found.interval95, found.tests) == (binomial_interval(0, 4_000), 4_000)
@@ -159,6 +159,12 @@ def test_auto_says_what_it_chose(world: dict[str, Any]) -> None:
     assert (often.method, "plain tests" in often.reason) == ("mc", True)
     rare = cornerforge.rate(max_tests=5_000, seed=1)
     assert (rare.method, rare.reason) == ("splitting", "4,000 plain tests had 0 crashes, so counting would take longer")
+    for without_copies, like in (
+        (rate_without_copies(**world, max_tests=20_000, target_rhw=0.2), often),
+        (rate_without_copies(max_tests=5_000, seed=1), rare),
+    ):
+        assert without_copies.reason == like.reason
+        assert without_copies.method == ("is" if like is rare else "mc")
     with pytest.raises(InputError, match="too few to learn what"):
         cornerforge.rate(**world, method="splitting", max_tests=2_000)
 

@@ -14,7 +14,7 @@ from cornerforge.experiment.setting import experiment
 from cornerforge.library.filling import fill_library
 from cornerforge.results import RunDone
 from cornerforge.verbs.options.whole import STAND_IN, Run
-from cornerforge.verbs.rate import why_only_counting
+from cornerforge.verbs.rate import rate, rate_without_copies
 from cornerforge.verbs.stages import Counted, Job
 from cornerforge.verbs.train import evaluate
 
@@ -69,9 +69,8 @@ class _ByEffort(Job):
         self._size = size = EFFORTS[self.effort]
         self.mask = experiment(self.world, bv="uniform", takes_foreign=True, seed=self.seed)
         asked = self.natural.asked is not None
+        self._rate = rate_without_copies if asked else rate
         self._natural_tests = round(_OUTSIDE * size.natural_tests) if asked else size.natural_tests
-        # For an AV from outside the method that makes no copies of its tests.
-        self._method = "is" if asked and why_only_counting(self._natural_tests) is None else "auto"
         self.settings = {"effort": asdict(size), "train": asdict(self.learning(size.decisions))}
 
     def announce(self) -> None:
@@ -87,7 +86,7 @@ class _ByEffort(Job):
         library = self.folder / "library"
         return {
             "nde": self._drive,
-            "natural": lambda: self.rate(self._natural_tests, method=self._method, target_rhw=size.natural_rhw),
+            "natural": lambda: self.rate(self._natural_tests, by=self._rate, target_rhw=size.natural_rhw),
             "train": lambda: self.train(self.mask, size.decisions),
             "evaluate": lambda: evaluate(self.hostile, tests=tests, reward=reward, **self.how),
             "baselines": lambda: self.plain_rates(self.mask, tests),

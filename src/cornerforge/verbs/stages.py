@@ -203,10 +203,10 @@ class Job(ABC):
         tally, seconds = simulate_experiment(run, tests=tests, first=first, counting=True, stage=stage, **self.how)
         return Counted(tally_summary(tally, seconds, with_distributions=True), exposure_counts(tally))
 
-    def rate(self, max_tests: int, **more: Any) -> NaturalRate:
-        """Measure the natural rate in the folder `natural`."""
+    def rate(self, max_tests: int, by: Callable[..., NaturalRate] = rate, **more: Any) -> NaturalRate:
+        """Measure the natural rate in the folder `natural`, with the verb `by`."""
         out = self.folder / "natural"
-        return rate(max_tests=max_tests, out=out, resume=True, **more, **self.how, **self.world.av_keywords())
+        return by(max_tests=max_tests, out=out, resume=True, **more, **self.how, **self.world.av_keywords())
 
     def plain_rates(self, run: Experiment, tests: int) -> PlainRates:
         """Measure the plain adversaries; the stage `nde` measures traffic without one, on many more tests."""
