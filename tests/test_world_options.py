@@ -27,8 +27,12 @@ from cornerforge.world_options import (
 NAMES = {one.name for one in fields(WorldOptions)}
 # Here the AV is "recorded" unless one is named, or it is an argument.
 OTHER_AV = {"check-av", "import", "cases from-data", "retest"}
-# The model of `ndd` is what they show, check or fill; `plausibility` takes several budgets.
-OWN = {"plausibility": {"budget"}, "ndd import": {"model"}, "ndd show": {"model"}, "ndd validate": {"model"}}
+# The model of `ndd` is what they show, check or fill; `plausibility` takes several budgets; that of `reproduce` is of
+# its bounded adversaries alone.
+OWN = {
+    "plausibility": {"budget"}, "reproduce": {"budget"}, "ndd import": {"model"}, "ndd show": {"model"},
+    "ndd validate": {"model"},
+}  # fmt: skip
 
 
 def names(options: type) -> set[str]:
