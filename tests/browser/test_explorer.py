@@ -68,7 +68,7 @@ def test_a_newcomer_plays_the_most_frequent_preventable_natural_crash(server: Se
 
 
 def test_filters_narrow_all_views_and_the_link_shows_the_same_again(server: Server, look: Opener) -> None:
-    page = ready(look(server.url))
+    page = ready(look(server.url + "#f.source=adversary"))
     all_ = shown(page)
     box = page.get_by_role("region", name="Filters").get_by_role("checkbox", name="a careful driver, by braking")
     expected = int(re.sub(r"\D", "", box.evaluate("box => box.closest('label').innerText")))
@@ -127,7 +127,7 @@ def test_sql_filters_and_says_what_is_wrong(server: Server, look: Opener) -> Non
     all_ = shown(page)[0]
     page.get_by_text("SQL, for experts").click()
     box = page.get_by_role("textbox", name="Condition in SQL")
-    box.fill("impact_speed_mps > 8")
+    box.fill("crash_time_s > 8")
     box.press("Control+Enter")
     until(page, "location.hash.includes('sql=')")
     until(page, f"!document.querySelector('.counted').textContent.startsWith('{all_:,} of')")
