@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Container
+from itertools import chain
 from typing import Annotated, Any
 
 import typer
@@ -111,10 +112,11 @@ class _Group(typer.core.TyperGroup):
     def get_params(self, ctx: Any) -> Any:
         return _flags_without_value(super().get_params(ctx))
 
+
+class _Program(_Group):
     def list_commands(self, ctx: Any) -> list[str]:
-        """List the commands in the order of the first page; those of a group as they were added."""
-        order = [name for names in _PANELS.values() for name in names]
-        return sorted(super().list_commands(ctx), key=lambda name: order.index(name) if name in order else len(order))
+        """List the commands in the order of the first page."""
+        return sorted(super().list_commands(ctx), key=[*chain(*_PANELS.values())].index)
 
 
 def panel_of(name: str) -> str | None:
@@ -131,7 +133,7 @@ app = typer.Typer(
     name="cornerforge",
     help="How an automated vehicle's decision-making crashes, which crashes matter, and how often they happen.",
     epilog=epilog(("cornerforge run --effort quick --out out/demo", "cornerforge init my-av")),
-    cls=_Group,
+    cls=_Program,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},

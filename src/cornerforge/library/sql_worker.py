@@ -110,7 +110,7 @@ def _answers(table: Any, megabytes: int, seconds: float) -> Iterator[bytes]:
             except Exception as error:  # some of DuckDB's errors are RuntimeErrors, ValueErrors, SystemErrors
                 said = str(error).partition("\n\n")[0] or type(error).__name__  # below it stands the statement again
                 line = " ".join(part for part in said.splitlines() if not part.startswith("Did you mean"))
-                if "Catalog Error: Table" in line:
+                if "Catalog Error: Table with name" in line:
                     line += ' The table is "cases".'
                 answer = ("memory",) if "bad_alloc" in line else ("error", line)
             try:
