@@ -519,6 +519,7 @@ def test_stages_of_a_run_are_numbered(tmp_path: Path, capsys: Capture) -> None:
     bars.stop(finished=True)
     said = LINE.findall(capsys.readouterr().err)
     assert [found[:3] for found in said] == [("1", "3", "one"), ("2", "3", "two")]
+    assert said[0][4] == "two"
 
 
 @dataclass(frozen=True)
@@ -552,18 +553,29 @@ def test_short_commands_tell_no_stages(files: Path, tmp_path: Path, capsys: Capt
 
 
 def test_lines_say_time_part_and_name(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What passes before the first report of a stage belongs to it, and a stage that was stopped is not told."""
-    now = iter([0.0, 2.0, 50.0, 54.0, 60.0, 70.0])
-    monkeypatch.setattr("cornerforge.cli.output.time.monotonic", lambda: next(now))
+    """What passes before the first report of a stage belongs to it, and a stage that was stopped is not told.
+
+    A long stage says every minute how far it is.
+    """
+    now = 0.0
+    monkeypatch.setattr("cornerforge.cli.output.time.monotonic", lambda: now)
     bars = Bars(quiet=False, lines=True)
-    bars.begin_part(3, 7)  # at 2 s
-    bars("train (0.2)", 1.0, 10.0)
-    bars("train (0.3)", 10.0, 10.0)
-    bars.begin_part(4, 7)  # at 54 s
+    now = 2.0
+    bars.begin_part(3, 7, "training")
+    for moment, done in ((4.0, 0.0), (40.0, 1.0), (62.0, 2.5), (100.0, 5.0), (122.0, 5.0)):
+        now = moment
+        bars(f"train ({done})", done, 10.0)
+    now = 202.0
+    bars.begin_part(4, 7, "yield")
     bars("evaluate", 1.0, 10.0)
-    bars("judge", 1.0, 10.0)  # at 70 s
+    now = 218.0
+    bars("judge", 1.0, 10.0)
     bars.stop()
-    assert capsys.readouterr().err == "stage 3 of 7: train, 52 s\nstage 4 of 7: evaluate, 16 s\n"
+    assert capsys.readouterr().err == (
+        "stage 3 of 7: train, 25 % after 60 s, about 3 min left\n"
+        "stage 3 of 7: train, 50 % after 2 min, about 2 min left\n"
+        "stage 3 of 7: train, 200 s; next: yield\nstage 4 of 7: evaluate, 16 s\n"
+    )
 
 
 def test_compiling_is_said_without_a_terminal_too(

@@ -17,6 +17,7 @@ import pytest
 
 import cornerforge
 from cornerforge.errors import CornerForgeError
+from cornerforge.foreign.pace import announced
 from cornerforge.library import CaseLibrary
 from cornerforge.results import RunDone, as_json
 from cornerforge.verbs.options.whole import Run
@@ -25,6 +26,7 @@ from cornerforge.work.stages import Stages
 pytestmark = [pytest.mark.full, pytest.mark.usefixtures("in_memory")]
 
 spend = importlib.import_module("cornerforge.verbs.spend")
+run_module = importlib.import_module("cornerforge.verbs.run")
 EXAMPLE = Path(__file__).parents[2] / "examples" / "my_av.py"
 HOURS = 0.003
 
@@ -192,6 +194,24 @@ def test_a_slow_av_is_driven_by_an_adversary_that_learned_against_a_stand_in(
     assert cornerforge.make_report("out").report == "out/report.html"
 
 
+def test_a_slow_av_has_a_page_after_ten_minutes_unless_an_effort_is_asked_for(
+    avs: Path, small: None, monkeypatch: pytest.MonkeyPatch  # noqa: ARG001
+) -> None:  # fmt: skip
+    monkeypatch.setattr(run_module, "FIRST_PAGE_HOURS", HOURS)
+    with announced((said := list[str]()).append):
+        done = cornerforge.run(av="avs:Accelerates", out="out", seed=3, threads=2)
+    assert done.effort == "0.003 h"
+    assert re.search(
+        r"quick effort would take at least .* as --hours 0\.003 does\. For all of it: --effort quick", said[0]
+    )
+    monkeypatch.setattr(run_module, "FIRST_PAGE_HOURS", 100.0)
+    again = cornerforge.run(av="avs:Accelerates", out="out", seed=3, threads=2, resume=True)
+    assert timeless(again) == timeless(done), "the speed is not asked about again"
+    job = run_module._ByEffort(Run(av="avs:Accelerates", out="other", effort="quick"))
+    monkeypatch.setattr(run_module, "FIRST_PAGE_HOURS", HOURS)
+    assert job.first_hours() is None
+
+
 def test_a_run_that_was_stopped_goes_on_the_same_way(avs: Path, small: None) -> None:  # noqa: ARG001
     calls = []
 
@@ -248,7 +268,8 @@ def test_a_built_in_av_needs_no_stand_in(
     assert done.spending is not None
     assert (done.spending.stand_in, done.spending.answer_seconds, done.spending.batch) == (None, None, None)
     # So short a training may find no crash; those that it finds are all kept.
-    assert done.generate.tests > 100
+    portions = [json.loads(path.read_text()) for path in Path("out/stages").glob("attack-*.json")]
+    assert done.generate.tests == sum(p["tests"] for p in portions) > 0
     assert done.generate.cases == done.generate.av_crashes
 
 

@@ -99,6 +99,19 @@ def test_what_is_usual_follows_the_av() -> None:
     assert pace.usual(0) == pace.usual(1) == pace.usual(8)
 
 
+def test_a_forecast_follows_what_driving_took() -> None:
+    """Twice as long as expected, then as expected, for long: the factor goes to 2 at once, and back by and by."""
+    pace = Pace(1.0, 1.0)
+    pace.note(64, 0.1)
+    assert pace.slower is None
+    expected = 1000 * pace.seconds_per_answer(64)
+    pace.note_driven(1000, 2.0 * expected, 64)
+    assert pace.slower == pytest.approx(2.0)
+    for _ in range(50):
+        pace.note_driven(1000, 0.9 * expected, 64)
+    assert pace.slower == pytest.approx(1.0, abs=0.01)
+
+
 def test_after_a_late_answer_many_worlds_have_more_time_once() -> None:
     pace = noted(w1=0.03, w256=0.5)
     for _ in range(9):

@@ -108,7 +108,7 @@ def test_the_config_shows_every_option_with_its_default(tmp_path: Path, capsys: 
             assert default is None
         else:
             assert (content | table)[name] == default
-    assert {"av", "effort", "out"} == options.keys() - {name for name, _ in commented}
+    assert {"av", "out"} == options.keys() - {name for name, _ in commented}
     either = re.sub(r"^hours = .*\n", "", all_on, flags=re.MULTILINE)  # hours stand instead of an effort
     (tmp_path / "all.toml").write_text(either.replace('effort = "quick"', 'effort = "none"'), encoding="utf-8")
     status, _, err = call(capsys, "run", "--config", tmp_path / "all.toml")
@@ -148,7 +148,7 @@ def test_a_run_from_the_folder_and_from_elsewhere(
     assert summary["out"] == "mine/out"
     kept = json.loads((place / "out" / "provenance.json").read_text(encoding="utf-8"))
     assert kept["config"] == {"file": "mine/cornerforge.toml", "text": config.read_text(encoding="utf-8")}
-    assert {"av": "my_av:MyAv", "seed": 2, "out": "mine/out", "effort": "quick"}.items() <= kept["options"].items()
+    assert {"av": "my_av:MyAv", "seed": 2, "out": "mine/out"}.items() <= kept["options"].items()
     monkeypatch.chdir(place)
     again = ["run", "--config", "cornerforge.toml", "--seed", "2", "--json"]
     status, out, err = call(capsys, *again, "--resume")

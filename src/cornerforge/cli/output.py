@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeVar
 import typer
 
 from cornerforge._locks import claims
-from cornerforge._words import few_digits
+from cornerforge._words import few_digits, spoken
 from cornerforge.cli.config import this_call
 from cornerforge.errors import printable
 
@@ -32,12 +32,17 @@ EXIT_GATE = 1
 """Exit status when a gate or a comparison failed."""
 
 
+_EACH_SECONDS = 60.0
+"""Where there is no terminal, a stage that lasts says every so often how far it is [s]."""
+
+
 class Bars:
     """Progress on standard error: on a terminal bars, one per stage, with rate and time left; else a line per stage.
 
     Args:
         quiet: Say nothing.
-        lines: Where there is no terminal, say of each stage that has ended how long it took.
+        lines: Where there is no terminal, say of each stage that has ended how long it took and which one is next, and
+            each minute how far it is.
     """
 
     def __init__(self, quiet: bool, *, lines: bool = False) -> None:
@@ -47,25 +52,39 @@ class Bars:
         self._stage = ""
         self._task: TaskID | None = None
         self._number, self._of = 0, 0
-        self._begun = time.monotonic()
+        self._begun = self._told = time.monotonic()
 
-    def begin_part(self, number: int, of: int) -> None:
-        """Take it that the present stage has ended, and that part `number` of `of` begins."""
+    def begin_part(self, number: int, of: int, name: str) -> None:
+        """Take it that the present stage has ended, and that part `number` of `of`, so named, begins."""
         if self._lines:
-            self._end_stage()
+            self._end_stage(f"; next: {name}")
             self._number, self._of = number, of
 
-    def _end_stage(self) -> None:
-        """Say how long the present stage took, if there is one; the next begins now."""
+    def _end_stage(self, after: str = "") -> None:
+        """Say how long the present stage took, if there is one, and what comes `after`, which begins now."""
         now = time.monotonic()
-        took, self._begun = now - self._begun, now
+        took, self._begun, self._told = now - self._begun, now, now
         if not self._stage:
             return
         if not self._of:
             self._number += 1
-        number = f"{self._number} of {self._of}" if self._of else f"{self._number}"
-        typer.echo(f"stage {number}: {self._stage}, {took:.{0 if took >= 10.0 else 1}f} s", err=True)
+        self._say(0, f"{took:.{0 if took >= 10.0 else 1}f} s{after}")
         self._stage = ""
+
+    def _say(self, ahead: int, text: str) -> None:
+        """Say something of the stage whose number is `ahead` of the last one."""
+        number = f"{self._number + ahead}" + (f" of {self._of}" if self._of else "")
+        typer.echo(f"stage {number}: {self._stage}, {text}", err=True)
+
+    def _say_how_far(self, done: float, total: float) -> None:
+        """Say how far the stage is and how long it will still take, if nothing was said for a minute."""
+        now = time.monotonic()
+        if now - self._told < _EACH_SECONDS:
+            return
+        self._told, spent = now, now - self._begun
+        left = f", about {spoken(spent * (total - done) / done)} left" if 0.0 < done < total else ""
+        share = f"{100.0 * done / total:.0f} % " if total > 0.0 else ""
+        self._say(0 if self._of else 1, f"{share}after {spoken(spent)}{left}")
 
     def __call__(self, stage: str, done: float, total: float) -> None:
         """Draw; a new stage gets a new bar, or ends the line of the one before."""
@@ -76,8 +95,10 @@ class Bars:
             before = self._begun
             self._end_stage()
             if begun:  # what came before the first report belongs to it
-                self._begun = before
+                self._begun = self._told = before
             self._stage = name
+        if self._lines:
+            self._say_how_far(done, total)
         if not self.show:
             return
         from rich.console import Console

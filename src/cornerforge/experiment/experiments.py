@@ -24,6 +24,9 @@ from cornerforge.work import default_threads
 
 __all__ = ["Experiment", "check_threads", "with_outside_av"]
 
+_TRIAL_SECONDS, _TRIAL_WORTH = 2.0, 20.0
+"""Before a job of an AV from outside that takes `_TRIAL_WORTH` or more, a trial of so long says how fast it is [s]."""
+
 
 @dataclass(frozen=True)
 class Experiment:
@@ -233,7 +236,22 @@ class _OutsideExperiment(Experiment):
         seconds = tests * answers_per_test(self.setting) * each / max(1.0, min(processes, tests))
         group = av.group_size(512, processes)
         asked = decisions * answers_per_second(self.setting)
-        return seconds + asked * av.pace.seconds_per_answer(group) / max(1, min(processes, -(-512 // group)))
+        seconds += asked * av.pace.seconds_per_answer(group) / max(1, min(processes, -(-512 // group)))
+        if seconds >= _TRIAL_WORTH and av.pace.slower is None:
+            self._try(processes, each)
+        return seconds * (av.pace.slower or 1.0)
+
+    def _try(self, processes: int, each: float) -> None:
+        """Drive tests for about `_TRIAL_SECONDS`, to see how long they take; none if one alone takes longer."""
+        tests = int(processes * _TRIAL_SECONDS / (answers_per_test(self.setting) * each))
+        if tests >= processes:
+            self.warm_up()
+            tests = min(tests, 4 * self.outside.batch * processes)
+            for _ in runner.simulate_chunks(
+                self.setting, self.slots, seed=self.outside.seed, first=0, tests=tests, threads=processes,
+                counting=False, chunk=-(-tests // processes), drive=self.drive,
+            ):  # fmt: skip
+                pass
 
     def pace_text(self, threads: int | None) -> str:
         av, n = self.outside, self.processes(threads)

@@ -33,6 +33,7 @@ __all__ = [
     "check_new_folder",
     "code_hash",
     "config_hash",
+    "identity_in",
     "is_finished_run",
     "open_output",
     "provenance",
@@ -171,8 +172,7 @@ def open_output(folder: Path, identity: Mapping[str, Any], *, resume: bool | Non
         if not resume:
             advice = "remove it" if resume is None else "go on with --resume"
             raise OutputError(f"{folder} holds results already; {advice}, or choose another place.")
-        before = read_json_file(mark).get("identity")
-        before = before if isinstance(before, dict) else {}
+        before = identity_in(folder)
         for key, value in identity.items():
             if before.get(key) != value:
                 raise InputError(
@@ -185,6 +185,13 @@ def open_output(folder: Path, identity: Mapping[str, Any], *, resume: bool | Non
         raise OutputError(f"{folder} holds something else ({foreign[0]}); choose a new or empty folder.")
     write_json(mark, provenance(identity))
     return False
+
+
+def identity_in(folder: Path) -> dict[str, Any]:
+    """Read the identity of the work that a folder holds; empty if there is none."""
+    mark = folder / IDENTITY
+    found = read_json_file(mark).get("identity") if mark.exists() else None
+    return found if isinstance(found, dict) else {}
 
 
 @contextmanager

@@ -26,13 +26,14 @@ from cornerforge.foreign.process import FIRST_TIMEOUT, AvFailureError, AvProcess
 from cornerforge.foreign.session import (
     AvSession,
     Steps,
+    answers_per_second,
     context_of,
     seeds_of,
 )
 from cornerforge.foreign.spec import AvSpec
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import Setting, lockstep, outcome, statistics
-from cornerforge.types import Odd
+from cornerforge.types import FRAME_S, Odd
 
 __all__ = ["MAX_FAULTS", "Fault", "ForeignAv"]
 
@@ -89,7 +90,7 @@ class ForeignAv:
         seed: Seed of the run, told to the AV.
 
     Attributes:
-        spec, odd, name: As given; the AV's name.
+        spec, odd, seed, name: As given; the AV's name.
         pace: How fast the AV answers.
         log: What it prints, and its tracebacks.
         faults: Faults so far, by (seed, test).
@@ -101,7 +102,7 @@ class ForeignAv:
     """
 
     def __init__(self, spec: AvSpec, odd: Odd, *, seed: int = 0) -> None:
-        self.spec, self.name, self.odd = spec, spec.name, odd
+        self.spec, self.name, self.odd, self.seed = spec, spec.name, odd, seed
         self._context, self._road = context_of(odd, batch=spec.batch or 1, seed=seed), road_numbers(odd)
         self.pace = Pace(spec.timeout, FIRST_TIMEOUT)
         self._opening, self._lock = threading.Lock(), threading.Lock()
@@ -259,7 +260,11 @@ class ForeignAv:
         with self.lend_session(count, float(setting.av.idm.desired_speed)) as session:
             census = statistics.census_of(counting)
             tests = RangeOfTests(self, session, self.steering(setting), slots, seed, first, count, census)
+            session.process()  # its start is not driving
+            begun = time.perf_counter()
             counts = tests.drive()
+            answers = float(tests.outcomes.frame.sum()) * FRAME_S * answers_per_second(setting)
+            self.pace.note_driven(answers, time.perf_counter() - begun, session.batch_size)
         self.note_driven(count)
         return tests.outcomes, counts
 

@@ -43,6 +43,8 @@ class Pace:
         self._seconds: dict[int, float] = {}
         self.answers = 0
         """Answers noted so far, one for each world that drove."""
+        self.slower: float | None = None
+        """Driving took so many times as long as expected, of late; None: nothing was driven."""
 
     def note(self, worlds: int, seconds: float) -> None:
         """Note that a call in which so many worlds drove took so long [s]."""
@@ -50,6 +52,12 @@ class Pace:
         place = _place(worlds)
         before = self._seconds.get(place, seconds)
         self._seconds[place] = before + _WEIGHT * (seconds - before)
+
+    def note_driven(self, answers: float, seconds: float, batch: int) -> None:
+        """Note that one process drove tests with so many answers in so long [s], `batch` worlds side by side."""
+        slower = max(1.0, seconds / max(answers * self.seconds_per_answer(batch), 1e-9))
+        before = slower if self.slower is None else self.slower
+        self.slower = before + _WEIGHT * (slower - before)
 
     def usual(self, worlds: int) -> float:
         """Say how long a call for so many worlds usually takes [s]; 0 if no call was noted.

@@ -329,18 +329,19 @@ def _drive(
         run = experiment(world, takes_foreign=True, seed=seed)
         av = run.asked
         assert av is not None
-        does = _does(run, av, threads)
+        does = _does(run, av, threads)  # with a trial, so that what follows is no promise by answers alone
         if tests is None:
             tests = max(2, min(_MOST_TESTS, int(_DRIVE_SECONDS * does.tests_per_hour / 3600.0)))
         forecast(run, threads, f"driving {tests:,} tests", tests=tests)
         tally, seconds = simulate_experiment(
             run, tests=tests, seed=seed, threads=threads, progress=progress, stage="tests"
         )
+        does = _does(run, av, threads)
     except AvFaultError as error:
         trace = getattr(error.__cause__, "trace", "") or "".join(getattr(error, "__notes__", [])).partition("\n")[2]
         bench.note("tests in natural traffic", _FAIL, str(error), trace)
         return does
-    found = f"{tally.av_crashes} crashes in {tally.tests} tests, {tests / seconds:,.3g} tests/s"
+    found = f"{tally.av_crashes} crashes in {tally.tests} tests, {tests / seconds:,.3g} tests/s with their start"
     if tally.av_faults:
         fault = min(av.faults.values(), key=lambda fault: fault.test)
         text = f"{tally.av_faults} tests spoiled; in test {fault.test} it {fault.message}"

@@ -8,14 +8,17 @@ from typing import Any
 
 from cornerforge._checks import check_in
 from cornerforge._options import verb
+from cornerforge._words import spoken
 from cornerforge.errors import InputError
 from cornerforge.experiment.forecast import forecast
+from cornerforge.experiment.output import identity_in
 from cornerforge.experiment.setting import experiment
+from cornerforge.foreign.pace import announce
 from cornerforge.library.filling import fill_library
 from cornerforge.results import RunDone
 from cornerforge.verbs.options.whole import STAND_IN, Run
 from cornerforge.verbs.rate import rate, rate_without_copies
-from cornerforge.verbs.stages import Counted, Job
+from cornerforge.verbs.stages import HOURS, Counted, Job
 from cornerforge.verbs.train import evaluate
 
 __all__ = ["EFFORTS", "Effort", "run"]
@@ -56,6 +59,8 @@ EFFORTS = {
 }  # fmt: skip
 """quick: within 4 minutes on two cores, 10 with an AV from outside that takes microseconds for an answer; standard:
 within 15; paper: as many cases as the paper had (about 50,000)."""
+FIRST_PAGE_HOURS = 0.16
+"""A run of a slow AV, without an effort asked for, has its page after so long."""
 _OUTSIDE = 0.85
 """Share of `natural_tests` that an AV from outside drives, which is asked in all of them."""
 
@@ -73,13 +78,39 @@ class _ByEffort(Job):
         self._natural_tests = round(_OUTSIDE * size.natural_tests) if asked else size.natural_tests
         self.settings = {"effort": asdict(size), "train": asdict(self.learning(size.decisions))}
 
-    def announce(self) -> None:
+    def _least(self) -> dict[str, float]:
+        """Count the tests and decisions that all of it takes at least."""
         size = self._size
+        tests = size.nde_tests + min(self._natural_tests, 262_144) + 8 * size.evaluation_tests + size.exposure_tests
+        return {"tests": tests, "decisions": size.decisions}
+
+    def announce(self) -> None:
         forecast(
-            self.natural, self.options.threads, "all that this effort asks for", decisions=size.decisions,
-            tests=size.nde_tests + min(self._natural_tests, 262_144) + 8 * size.evaluation_tests + size.exposure_tests,
-            bound="at least ", advice="If that is too long: --hours H does what fits into H hours.",
+            self.natural, self.options.threads, "all that this effort asks for", **self._least(), bound="at least ",
+            advice="If that is too long: --hours H does what fits into H hours.",
         )  # fmt: skip
+
+    def first_hours(self) -> float | None:
+        """Say how many hours to spend for a first page, where no effort was asked for; None: all that the effort is.
+
+        A run that is resumed does as it did before.
+        """
+        if self.options.effort is not None or self.natural.asked is None:
+            return None
+        before = identity_in(self.folder).get("effort") if self.options.resume else None
+        if isinstance(before, str):
+            return float(before.removesuffix(HOURS)) if before.endswith(HOURS) else None
+        seconds = self.natural.seconds_of(self.options.threads, **self._least())
+        if seconds <= 3600.0 * FIRST_PAGE_HOURS:
+            return None
+        announce(
+            f"The quick effort would take at least {spoken(seconds)} with this AV. So that there is a page after "
+            f"{spoken(3600.0 * FIRST_PAGE_HOURS)}, this run does what fits into that time, as --hours "
+            f"{FIRST_PAGE_HOURS:g} does. For all of it: --effort quick."
+        )
+        for run in (self.natural, self.mask):
+            run.rest()
+        return FIRST_PAGE_HOURS
 
     def works(self) -> dict[str, Callable[[], Any]]:
         size, tests, reward = self._size, self._size.evaluation_tests, self.options.reward
@@ -115,9 +146,14 @@ def run(options: Run) -> RunDone:
             raise InputError(
                 f"stand_in = {options.stand_in!r} has no effect without hours: --hours H --stand-in {options.stand_in}"
             )
-        return _ByEffort(options).do(numbered=True)
-    if options.effort is not None:
+        job = _ByEffort(options)
+        hours = job.first_hours()
+        if hours is None:
+            return job.do(numbered=True)
+    elif options.effort is not None:
         raise InputError(f"effort = {options.effort} and hours = {options.hours:g} exclude each other; leave one out.")
+    else:
+        hours = options.hours
     from cornerforge.verbs.spend import spend
 
-    return spend(options, options.hours)
+    return spend(options, hours)

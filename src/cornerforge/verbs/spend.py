@@ -42,7 +42,7 @@ from cornerforge.sim import Tally, runner, statistics
 from cornerforge.types import FRAME_S, METRES_PER_MILE
 from cornerforge.verbs.options.whole import Run
 from cornerforge.verbs.rate import PLAIN_TESTS
-from cornerforge.verbs.stages import LIBRARY_FILES, Counted, Job, PlainRates, TrainedStage, exposure_counts
+from cornerforge.verbs.stages import HOURS, LIBRARY_FILES, Counted, Job, PlainRates, TrainedStage, exposure_counts
 from cornerforge.verbs.train import judge, yield_of
 from cornerforge.work import cpu_seconds
 from cornerforge.work.stages import Stage, Stages
@@ -135,7 +135,7 @@ class _ByClock(Job):
             )
         super().__init__(options)
         self.mask = experiment(self.world.driven_by(stand_in), bv="uniform", seed=self.seed)
-        self.effort, self._hours, self._library = f"{hours:g} h", hours, self.folder / "library"
+        self.effort, self._hours, self._library = f"{hours:g}{HOURS}", hours, self.folder / "library"
         self.stand_in = {"stand_in": stand_in, "stand_in_hash": self.mask.av_hash}
         train = asdict(replace(preset_named("fast"), reward=options.reward))
         self.settings = {"hours": hours, "stand_in": stand_in, "train": train}

@@ -40,8 +40,10 @@ from cornerforge.verbs.train import (
 )
 from cornerforge.work.stages import Stage, Stages
 
-__all__ = ["LIBRARY_FILES", "Counted", "Job", "NaturalCases", "PlainRates", "TrainedStage", "exposure_counts"]
+__all__ = ["HOURS", "LIBRARY_FILES", "Counted", "Job", "NaturalCases", "PlainRates", "TrainedStage", "exposure_counts"]
 
+HOURS = " h"
+"""Ends the name of an effort that was so many hours."""
 POLICY = "policy.safetensors"
 LIBRARY_FILES = (f"library/{MANIFEST}", f"library/{MODEL_FILE}")
 """Files that a stage makes when it fills the library."""
@@ -133,16 +135,22 @@ class Job(ABC):
         """List the stages, each after those whose results it needs."""
         work, files = self.works(), lambda: [f"analysis/{name}" for name in ANALYSIS_FILES]
         return (
-            Stage("nde", Counted, work["nde"]),
-            Stage("natural", NaturalRate, work["natural"]),
-            Stage("natural_cases", NaturalCases, self._analyse_natural, ("natural",), self._natural_files),
-            Stage("train", TrainedStage, work["train"], makes=lambda: (POLICY, "training.json")),
-            Stage("evaluate", Yield, work["evaluate"], ("train",)),
-            Stage("baselines", PlainRates, work["baselines"]),
+            Stage("nde", Counted, work["nde"], title="natural traffic"),
+            Stage("natural", NaturalRate, work["natural"], title="natural crash rate"),
+            Stage(
+                "natural_cases", NaturalCases, self._analyse_natural, ("natural",), self._natural_files,
+                title="analysis of natural crashes",
+            ),
+            Stage("train", TrainedStage, work["train"], makes=lambda: (POLICY, "training.json"), title="training"),
+            Stage("evaluate", Yield, work["evaluate"], ("train",), title="yield"),
+            Stage("baselines", PlainRates, work["baselines"], title="plain adversaries"),
             Stage("exposure", Counted, work["exposure"], ("train",)),
-            Stage("generate", Filled, work["generate"], ("train",), lambda: LIBRARY_FILES),
-            Stage("analyse", Analysed, self._analyse, ("generate",), files, lambda: self.found["generate"].cases > 0),
-        )
+            Stage("generate", Filled, work["generate"], ("train",), lambda: LIBRARY_FILES, title="cases"),
+            Stage(
+                "analyse", Analysed, self._analyse, ("generate",), files, lambda: self.found["generate"].cases > 0,
+                title="analysis of the cases",
+            ),
+        )  # fmt: skip
 
     def do(self, *, numbered: bool) -> RunDone:
         """Do all stages that are not done yet; write the summary, the provenance and the report.
@@ -161,7 +169,7 @@ class Job(ABC):
         listed = self.stages()
         stages = Stages(self.folder, self.options.progress, len(listed) + 1 if numbered else None)
         stages.go(listed, self.found)
-        stages.begin()
+        stages.begin("page")
         return self._finish(identity)
 
     def identity(self) -> dict[str, Any]:

@@ -26,11 +26,11 @@ def NO_PROGRESS(stage: str, done: float, total: float) -> None:  # noqa: N802  (
     """Report nothing."""
 
 
-def begin_part(progress: Progress, number: int, of: int) -> None:
-    """Tell a progress that has `begin_part` too that part `number` of a whole job begins; there are `of` of them."""
+def begin_part(progress: Progress, number: int, of: int, name: str) -> None:
+    """Tell a progress that has `begin_part` that part `number` of `of` begins, and its name."""
     begin = getattr(progress, "begin_part", None)
     if begin is not None:
-        begin(number, of)
+        begin(number, of, name)
 
 
 class Moving:

@@ -28,6 +28,7 @@ class Stage:
         after: Names of the stages that must be done first.
         makes: Function, called after those: names the files that the stage makes in the output folder.
         is_kept: Function, called after those: whether the result gets a file; without one each run makes it anew.
+        title: Name for people; "": the name.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Stage:
     after: tuple[str, ...] = ()
     makes: Callable[[], Sequence[str]] = tuple
     is_kept: Callable[[], bool] = lambda: True
+    title: str = ""
 
 
 class Stages:
@@ -62,12 +64,12 @@ class Stages:
             stage = next(one for one in left if found.keys() >= set(one.after))
             left.remove(stage)
             if stage.is_kept():
-                found[stage.name] = self.do(stage.name, stage.kind, stage.work, stage.makes())
+                found[stage.name] = self.do(stage.name, stage.kind, stage.work, stage.makes(), stage.title)
             else:
-                self.begin()
+                self.begin(stage.title or stage.name)
                 found[stage.name] = stage.work()
 
-    def do(self, name: str, kind: type[T], work: Callable[[], T], makes: Sequence[str] = ()) -> T:
+    def do(self, name: str, kind: type[T], work: Callable[[], T], makes: Sequence[str] = (), title: str = "") -> T:
         """Give the result of a stage, from its file if it is there; else do the work and leave the file.
 
         Args:
@@ -75,19 +77,20 @@ class Stages:
             kind: Type of its result.
             work: Function that does the work.
             makes: Files that it makes in the output folder; while one is missing, the stage is not finished.
+            title: Name for people; "": the name.
 
         Raises:
             FileFormatError: The file is damaged.
         """
-        self.begin()
+        self.begin(title or name)
         path = self._out / "stages" / f"{name}.json"
         if not all(file.exists() for file in (path, *(self._out / made for made in makes))):
             write_json(path, as_json(work()))
         # A resumed run reads the result from the file, so this run goes on with the same values.
         return read(kind, read_json_file(path), f"{path} is damaged", "remove it, or choose another place.")
 
-    def begin(self) -> None:
-        """Tell the progress that the next stage begins; `do` and `go` call it for theirs."""
+    def begin(self, title: str) -> None:
+        """Tell the progress that the next stage begins, and its name for people; `do` and `go` call it for theirs."""
         self._begun += 1
         if self._of is not None:
-            begin_part(self._progress, self._begun, self._of)
+            begin_part(self._progress, self._begun, self._of, title)

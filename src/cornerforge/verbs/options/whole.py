@@ -32,8 +32,8 @@ class Run(WorldOptions, Resumable, LongWork):
     effort: Annotated[
         str | None,
         meant(
-            "quick (4 minutes on 2 cores), standard (15) or paper.", near=("quick", "standard", "paper"),
-            default="quick",
+            "quick (4 minutes on 2 cores), standard (15) or paper. By default quick, or 10 minutes for a slow AV.",
+            near=("quick", "standard", "paper"), default="quick",
         ),
     ] = None  # fmt: skip
     hours: Annotated[
