@@ -51,7 +51,7 @@ AVS: dict[str, tuple[str, str]] = {
 """AV -> whose crashes are looked at, and what its author says is wrong with it."""
 
 _TAGS = re.compile(r"<[^>]+>")
-_N = r"([\d\u202f]+)"
+_N = r"([\d,]+)"
 
 
 def _plain(markup: str) -> str:
@@ -59,7 +59,7 @@ def _plain(markup: str) -> str:
 
 
 def _number(words: str) -> float:
-    return float(words.replace("\u202f", ""))
+    return float(words.replace(",", ""))
 
 
 @dataclass(frozen=True)
@@ -194,7 +194,7 @@ def _parts(said: Said) -> Iterator[tuple[float, float]]:
             yield share, sum(map(_number, parts[at]))
 
 
-_SECTION = r"([\d.]+) % \(95 %: [\d.]+ to [\d.]+ %; n = [\d\u202f]+ cases; by the AV's own motion"
+_SECTION = r"([\d.]+) % \(95 %: [\d.]+ to [\d.]+ %; n = [\d,]+ cases; by the AV's own motion"
 
 
 @dataclass(frozen=True)
@@ -231,7 +231,7 @@ CONTRADICTIONS: dict[str, Contradiction] = {
     ),
     "more that a careful driver would have prevented than cases in which it did something wrong": Contradiction(
         lambda said: (said.share(_SECTION) or 0.0) > 0.06 + 100.0 * _wrong_rows(said) / max(said.table(_DOING)[0], 1),
-        (r"[\d.]+ %( \(95 %: [\d.]+ to [\d.]+ %; n = [\d\u202f]+ cases; by the AV)", r"99.5 %\1"),
+        (r"[\d.]+ %( \(95 %: [\d.]+ to [\d.]+ %; n = [\d,]+ cases; by the AV)", r"99.5 %\1"),
     ),
     "one share that a careful driver would have prevented above, another one below": Contradiction(
         lambda said: (

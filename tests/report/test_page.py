@@ -357,7 +357,7 @@ def test_a_missing_column_of_the_cases_is_named(run_folder: Path) -> None:
 def test_numbers_of_the_adversary_are_those_of_the_artefacts(run_folder: Path) -> None:
     text = " ".join(Page(write_report(run_folder)).text.split())
     # 0.25 / 4.5e-6 and the opposite ends of the intervals: 0.2 / 8.5e-6, 0.3 / 2.1e-6
-    assert "56 000 times as many crashes per drive as natural traffic (from 24 000 to 140 000" in text
+    assert "56,000 times as many crashes per drive as natural traffic (from 24,000 to 140,000" in text
     assert "0.25 crashes per drive (95 %: 0.20 to 0.30; n = 240 drives)" in text
 
 
@@ -367,8 +367,8 @@ def test_no_natural_crash_is_a_bound(run_folder: Path) -> None:
     change(run_folder / "summary.json", nde=as_json(nde))
     made = Page(write_report(run_folder))
     text = " ".join(made.text.split())
-    assert "At least 100 000 times as many crashes per drive" in text  # 0.2 / 1.84e-6 = 108 696
-    assert "natural traffic2 000 0000below 1.8 × 10⁻⁶0 to 1.8 × 10⁻⁶below 7.4 × 10⁻⁶" in text
+    assert "At least 100,000 times as many crashes per drive" in text  # 0.2 / 1.84e-6 = 108 696
+    assert "natural traffic2,000,0000below 1.8 × 10⁻⁶0 to 1.8 × 10⁻⁶below 7.4 × 10⁻⁶" in text
     bound = made.data("figures")["rates"]["data"][1]
     assert bound["x"] == [1.84e-6]
     assert bound["text"] == ["no crash seen: below 1.8 × 10⁻⁶"]

@@ -161,11 +161,14 @@ def how_often(road: RoadRate | None, kinds: Natural | None, *, adversary: bool) 
     if road.miles is None:
         where = f" in {text.miles(road.driven)}" if road.driven is not None else ""
         return Answer(question, f"No crash seen{where}", f"so {road.words} (95 %; {road.basis}).", _doubt(road))
+    short, also = road.words, f"95 %: {road.interval}"
+    if road.doubts and road.high is not None:  # a single number would seem to be known
+        short, also = f"once in {road.interval}", f"95 %; best estimate: {road.words}"
     return Answer(
         question,
-        text.capital(road.words),
-        "it touches another vehicle in natural traffic, as recorded drivers drive (95 %: "
-        f"{road.interval}; from {road.basis}).{_injuries(kinds)}",
+        text.capital(short),
+        f"it touches another vehicle in natural traffic, as recorded drivers drive ({also}; from {road.basis})."
+        f"{_injuries(kinds)}",
         _doubt(road),
     )
 

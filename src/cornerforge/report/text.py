@@ -27,12 +27,12 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def count(value: float) -> str:
-    """A whole number with thin spaces between thousands.
+    """A whole number with commas between thousands.
 
-    >>> count(1234567).replace(chr(0x202F), " ")
-    '1 234 567'
+    >>> count(1234567)
+    '1,234,567'
     """
-    return f"{round(value):,}".replace(",", "\u202f")
+    return f"{round(value):,}"
 
 
 def rate(value: float, digits: int = 3) -> str:
@@ -179,8 +179,8 @@ def rounded_down(value: float, digits: int = 2) -> float:
 def times(value: float) -> str:
     """A factor to two digits.
 
-    >>> times(3.04), times(286000.0).replace(chr(0x202F), " "), times(2.84e6)
-    ('3.0', '290 000', '2.8 million')
+    >>> times(3.04), times(286000.0), times(2.84e6)
+    ('3.0', '290,000', '2.8 million')
     """
     return rate(value, 2) if value < 999_500.0 else miles(value).removesuffix(" miles")
 

@@ -279,5 +279,4 @@ def _plain(text: str) -> str:
     """Text of a chart without markup, and without hints for a screen."""
     lines = re.sub(r"<br\s*/?>", "\n", text)
     bare = html.unescape(re.sub(r"<[^>]+>", "", lines)).strip()
-    # A thin space is not in every font, and paper has no links.
-    return bare.replace("\u202f", "\u2009").replace(" (click to play)", "")
+    return bare.replace(" (click to play)", "")  # paper has no links
