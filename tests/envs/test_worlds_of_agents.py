@@ -91,7 +91,7 @@ def assert_same_tests(batch: BvBatch | AvBatch, run: Experiment) -> Outcomes:
 def test_the_controlled_bv_does_what_the_agent_says(kind: str, bounded: bool, odd: str, reckless: Path) -> None:
     batch = adversary_batch(N, 2, WorldOptions(odd=odd, model=reckless, bounded=bounded), reward="crash")
     drive_to_the_end(batch, as_adversary(kind))
-    out = assert_same_tests(batch, experiment(odd=odd, model=reckless, bv=kind, bounded=bounded))
+    out = assert_same_tests(batch, experiment(odd=odd, model=reckless, bv=kind, bounded=bounded, steer_from=0))
     assert len(set(out.code.tolist())) > 1, "too little happened"
 
 

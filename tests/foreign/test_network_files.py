@@ -19,6 +19,7 @@ from cornerforge.errors import FileFormatError, InputError, MissingExtraError
 from cornerforge.foreign.edge_cases import EDGE_CASES, edge_case, random_views, sample_views
 from cornerforge.foreign.loaders import load_av
 from cornerforge.foreign.networks import (
+    SIZES,
     Reading,
     answers_of_actions,
     answers_of_box,
@@ -27,6 +28,7 @@ from cornerforge.foreign.networks import (
 )
 from cornerforge.foreign.normalised import Statistics
 from cornerforge.foreign.onnx_file import ACTIONS_KEY
+from cornerforge.foreign.policies import PolicyDriver
 from cornerforge.foreign.sb3_file import Sb3Av
 from cornerforge.types import ACCELERATIONS, ACTION_ACCELERATIONS, ACTION_SIDES, N_ACTIONS
 
@@ -135,6 +137,27 @@ def test_the_answers_are_those_of_stable_baselines3(
     weight, bias = av._layers[-1]
     av._layers[-1] = weight, bias + torch.linspace(-1.0, 1.0, len(bias))  # its maker keeps to the file
     assert float(av.compared(VIEWS).split()[0]) > 0.01
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("scaled", [True, False])
+@pytest.mark.parametrize("flat", [True, False])
+def test_a_network_of_driving_v0_sees_what_it_saw_there(tmp_path: Path, *, scaled: bool, flat: bool) -> None:
+    """As a file and as an object with predict."""
+    sb3 = pytest.importorskip("stable_baselines3")
+    import gymnasium
+
+    env = gymnasium.make("cornerforge.envs:cornerforge/Driving-v0", scaled=scaled)
+    env = gymnasium.wrappers.FlattenObservation(env) if flat else env
+    model = sb3.PPO("MlpPolicy", env, seed=1, device="cpu")
+    model.save(tmp_path / "net.zip")
+    shown = (VIEWS / SIZES if scaled else VIEWS).reshape(-1, *env.observation_space.shape)
+    expected = answers_of_index(model.predict(shown, deterministic=True)[0])
+    assert len(np.unique(expected, axis=0)) > 1
+    driver, about = load_av(str(tmp_path / "net.zip"))
+    assert ("divided by usual sizes" in about["read"]) == scaled
+    np.testing.assert_array_equal(driver.av.act(VIEWS), expected)
+    np.testing.assert_array_equal(PolicyDriver(model).answer(VIEWS), expected)
 
 
 # --- what lies beside a file ---

@@ -12,6 +12,7 @@ import cornerforge
 from cornerforge.errors import InputError
 from cornerforge.experiment.setting import experiment
 from cornerforge.foreign.drivers import UnusableError
+from cornerforge.foreign.networks import SIZES
 from cornerforge.foreign.policies import PolicyDriver, answers_of_predicted
 from cornerforge.sim import simulate
 from cornerforge.types import ACTION_ACCELERATIONS, ACTION_SIDES, N_ACTIONS
@@ -237,5 +238,5 @@ def test_a_policy_of_stable_baselines3_is_asked_in_blocks() -> None:
     assert driver.about["remembers"] == "no"
     seen = np.random.default_rng(2).normal(size=(70, 13, 8)).astype(np.float32)
     seen[:, 0, 0] = 1.0
-    single = np.array([int(model.predict(row, deterministic=True)[0]) for row in seen])
+    single = np.array([int(model.predict(row, deterministic=True)[0]) for row in seen / SIZES])
     np.testing.assert_array_equal(driver.answer(seen), answers_of_predicted(single, 70))

@@ -125,6 +125,7 @@ def _load_network(spec: str, reading: Reading) -> tuple[Driver, dict[str, str]]:
     driver = driver_of(av)
     driver.about["remembers"] = "yes" if av.frames > 1 else "no"
     read = f"{ACTIONS[av.actions][0]}{why}; sees {'one view' if av.frames == 1 else f'the last {av.frames} views'}"
+    read += ", divided by usual sizes as in Driving-v0" if av.scaled else ""
     read += f", normalised by {ascii(statistics.path.name)[1:-1][:200]}" if statistics else ", not normalised"
     return driver, {"kind": path.suffix[1:].lower(), "hash": source_hash(*parts), "read": read, "maker": maker}
 

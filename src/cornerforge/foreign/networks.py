@@ -25,6 +25,7 @@ __all__ = [
     "FLAT",
     "LANE_ORDER_FROM",
     "N_ACTIONS",
+    "SIZES",
     "NetworkAv",
     "Reading",
     "answers_of_actions",
@@ -33,6 +34,7 @@ __all__ = [
     "answers_of_numbers",
     "form_of",
     "frames_in",
+    "is_scaled",
 ]
 
 BLOCK = 64
@@ -40,6 +42,9 @@ BLOCK = 64
 does not depend on how many worlds are driven side by side."""
 FLAT = (math.prod(VIEW_SHAPE),)
 """Shape of a view without rows."""
+SIZES = np.array([1.0, 50.0, 4.0, 30.0, 2.0, 4.0, 2.0, 1.0], dtype=np.float32)
+"""Usual sizes of the columns of a view, by which `cornerforge/Driving-v0` divides it."""
+_SIGHT = 200.0
 LANE_ORDER_FROM = 1.0 / 3.0
 """A network's second number beyond this is a lane order."""
 N_ACTIONS = 33
@@ -144,6 +149,17 @@ def frames_in(shape: tuple[int, ...]) -> int:
     return whole if is_one and rest == 0 and whole <= _MOST_FRAMES else 0
 
 
+def is_scaled(high: NDArray[np.floating]) -> bool:
+    """Say by the upper ends of an observation space whether views are divided by `SIZES`; else they have SI units.
+
+    >>> high = np.tile([1.0, 200.0, 11.0, 40.0, 25.0, 2.0, 2.0, 1.0], (13, 1)).astype(np.float32)
+    >>> is_scaled(high), is_scaled(high / SIZES), is_scaled((high / SIZES).ravel()), is_scaled(np.full(104, np.inf))
+    (False, True, True, False)
+    """
+    row = high.reshape(VIEW_SHAPE[0], -1)[1, : SIZES.size] if frames_in(high.shape) else high
+    return row.shape == SIZES.shape and bool(row[1] * SIZES[1] == _SIGHT)
+
+
 class NetworkAv(Av):
     """An AV whose answer is a function of the view, or of the last views, evaluated block by block.
 
@@ -152,13 +168,18 @@ class NetworkAv(Av):
         actions: What outputs are, a name of `ACTIONS`.
         statistics: How observations are normalised; None: they are not.
         block: Rows of one evaluation.
+        scaled: Views are divided by `SIZES` before all else.
 
     Raises:
         FileFormatError: The statistics are those of others.
     """
 
-    def __init__(self, shape: tuple[int, ...], actions: str, statistics: Statistics | None, block: int = BLOCK) -> None:
+    def __init__(
+        self, shape: tuple[int, ...], actions: str, statistics: Statistics | None, block: int = BLOCK,
+        *, scaled: bool = False,
+    ) -> None:  # fmt: skip
         self.shape, self.actions, self.frames, self._block = shape, actions, frames_in(shape), block
+        self.scaled = scaled
         self._frame = VIEW_SHAPE if len(shape) == 2 else FLAT
         self._normal = statistics if statistics is not None and statistics.shape else None
         self._past = np.zeros((0, *shape), dtype=np.float32)
@@ -178,7 +199,7 @@ class NetworkAv(Av):
 
     def observed(self, view: NDArray[np.float32]) -> NDArray[np.float32]:
         """Make observations (B, *shape) of views (B, 13, 8), and remember these."""
-        rows, normal = view.reshape(len(view), *self._frame), self._normal
+        rows, normal = (view / SIZES if self.scaled else view).reshape(len(view), *self._frame), self._normal
         if normal is not None and normal.shape == self._frame:
             rows, normal = normal(rows), None
         if self.frames > 1:

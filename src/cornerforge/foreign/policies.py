@@ -12,7 +12,7 @@ import numpy as np
 
 from cornerforge.foreign.drivers import Driver, UnusableError, WrongAvError, described, traced
 from cornerforge.foreign.interface import VIEW_SHAPE
-from cornerforge.foreign.networks import ACTIONS, BLOCK, FLAT, N_ACTIONS, answers_of_index, form_of
+from cornerforge.foreign.networks import ACTIONS, BLOCK, FLAT, N_ACTIONS, SIZES, answers_of_index, form_of, is_scaled
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -96,6 +96,8 @@ class PolicyDriver(Driver):
                 "(VecFrameStack) is made within predict, from the state that it gives and takes"
             )
         self._shape = VIEW_SHAPE if shape is None else tuple(shape)
+        high = getattr(getattr(policy, "observation_space", None), "high", None)
+        self._scaled = high is not None and is_scaled(np.asarray(high))
         self._form = form
         acted: Any = getattr(policy, "action_space", None)
         if form is None and hasattr(acted, "low"):
@@ -133,19 +135,19 @@ class PolicyDriver(Driver):
 
     def answer(self, seen: NDArray[Any]) -> NDArray[np.float64]:
         """Ask the policy."""
-        rows = len(seen)
+        rows, shown = len(seen), seen / SIZES if self._scaled else seen
         answers = np.zeros((rows, 2))
         self.failed, self.traces = {}, {}
         if self._in_blocks:
             padded = np.zeros((-(-rows // BLOCK) * BLOCK, *self._shape), np.float32)
-            padded[:rows] = seen.reshape(rows, *self._shape)
+            padded[:rows] = shown.reshape(rows, *self._shape)
             for k in range(0, len(padded), BLOCK):
                 block = answers_of_predicted(self._predict(padded[k : k + BLOCK], None)[0], BLOCK, self._form)
                 answers[k : k + BLOCK] = block[: rows - k]
             return answers
         for b in np.flatnonzero(seen[:, 0, 0] == 1.0).tolist():
             try:
-                observation = seen[b].reshape(self._shape).copy()
+                observation = shown[b].reshape(self._shape).copy()
                 action, self._states[b] = self._predict(observation, self._states.get(b))
                 answers[b] = answers_of_predicted(np.asarray(action)[None], 1, self._form)[0]
             except UnusableError as error:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import FileFormatError, MissingExtraError
-from cornerforge.foreign.networks import ACTIONS, BOUNDS, N_ACTIONS, NetworkAv, form_of, frames_in
+from cornerforge.foreign.networks import ACTIONS, BOUNDS, N_ACTIONS, NetworkAv, form_of, frames_in, is_scaled
 
 if TYPE_CHECKING:
     from cornerforge.foreign.normalised import Statistics
@@ -100,7 +100,8 @@ class Sb3Av(NetworkAv):
         if kwargs.get("squash_output"):
             raise FileFormatError(f"{name} was trained with squash_output, which is not supported; train without.")
         shape = _checked_shape(name, layers, settings)
-        super().__init__(shape, _actions_of(name, settings.get("action_space")), statistics)
+        scaled = is_scaled(_numbers_in(settings.get("observation_space"), "high", shape))
+        super().__init__(shape, _actions_of(name, settings.get("action_space")), statistics, scaled=scaled)
         self._layers, self._between = layers, getattr(torch.nn, chosen)
         self._activation = self._between()
         self._bounds = [torch.tensor(bound) for bound in BOUNDS.get(self.actions, ())]
@@ -187,6 +188,13 @@ def _checked_shape(name: str, layers: list[tuple[Any, Any]], settings: dict[str,
             "them are (13, 8 k) or (104 k,)."
         )
     return shape
+
+
+def _numbers_in(space: Any, end: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Read the lower or upper ends of a Box from its text; infinite where it does not say them all."""
+    text = str(space.get(end)) if isinstance(space, dict) else ""
+    found = [float(number) for number in re.findall(r"-?\d+(?:\.\d*)?(?:e[+-]\d+)?", text)]
+    return np.array(found if len(found) == math.prod(shape) else [np.inf] * math.prod(shape), np.float32).reshape(shape)
 
 
 def _actions_of(name: str, space: Any) -> str:

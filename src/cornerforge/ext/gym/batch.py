@@ -33,6 +33,7 @@ from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.setting import experiment
 from cornerforge.ext.gym.raster import top_view
 from cornerforge.ext.gym.spaces import ClosedError, ResetNeededError, av_commands
+from cornerforge.foreign.networks import SIZES
 from cornerforge.sim import (
     Scratch,
     World,
@@ -381,17 +382,20 @@ class AvBatch(Batch):
     Args:
         run, n, threads, cores: As for `Batch`; `run.setting.road.av_substeps` is 1, 2, 5 or 10.
         box: Actions are pairs of numbers instead of indices (`spaces.av_commands`).
+        scaled: Observations are divided by `networks.SIZES`.
 
     Attributes:
         observation: float32 (B, VIEW_ROWS, VIEW_COLUMNS).
     """
 
-    def __init__(self, run: Experiment, n: int, threads: int | None, cores: int, *, box: bool) -> None:
+    def __init__(
+        self, run: Experiment, n: int, threads: int | None, cores: int, *, box: bool, scaled: bool = False
+    ) -> None:
         self._agents = agents.allocate_av_agents(n, run.slots)
         super().__init__(run, n, threads, cores, self._agents)
         self._setting = run.setting.with_drivers(av=controllers.OUTSIDE)
-        self._box = box
-        self.observation = self._agents.seen
+        self._box, self._scaled = box, scaled
+        self.observation = self._agents.seen.copy() if scaled else self._agents.seen
         self.reward = np.zeros(n)
 
     @property
@@ -414,6 +418,7 @@ class AvBatch(Batch):
             agents.start_as_av(begin, end, self._setting, self._agents, s)
 
         self._share(work)
+        self._see()
 
     def _advance(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None:
         command, order = av_commands(actions, box=self._box)
@@ -424,6 +429,10 @@ class AvBatch(Batch):
         self._drive(command, order, chosen)
         self._note_ends(chosen)
 
+    def _see(self) -> None:
+        if self._scaled:
+            np.divide(self._agents.seen, SIZES, out=self.observation)
+
     def _drive(self, command: NDArray[np.float64], order: NDArray[np.int64], chosen: NDArray[np.bool_]) -> None:
         self._agents.chosen[:] = chosen
         self._agents.command[:] = command
@@ -433,6 +442,7 @@ class AvBatch(Batch):
             agents.drive_on_as_av(begin, end, self._setting, self._agents, s, self._keep)
 
         self._share(work)
+        self._see()
         self.reward[:] = self._agents.metres / self.run.setting.road.test_length - (self.outcome == outcome.AV_CRASH)
 
 
@@ -446,7 +456,7 @@ def adversary_batch(n: int, threads: int | None, world: WorldOptions, *, reward:
 
 
 def driving_batch(
-    n: int, threads: int | None, world: WorldOptions, *, bv: str, box: bool, act_every: int | None
+    n: int, threads: int | None, world: WorldOptions, *, bv: str, box: bool, act_every: int | None, scaled: bool = False
 ) -> AvBatch:
     """Make the worlds for `Driving-v0`; arguments as for `DrivingEnv`."""
     run = experiment(world, bv=bv)
@@ -455,4 +465,4 @@ def driving_batch(
             raise InputError(f"act_every = {act_every!r} is not allowed; one of 1, 2, 5 or 10 tenths of a second.")
         road = run.setting.road._replace(av_substeps=act_every)
         run = replace(run, odd=replace(run.odd, av_substeps=act_every), setting=run.setting._replace(road=road))
-    return AvBatch(run, n, threads, check_threads(None), box=box)
+    return AvBatch(run, n, threads, check_threads(None), box=box, scaled=scaled)

@@ -35,6 +35,9 @@ class Driving(DrivingEnvOptions, _Shown):
 
     bv: Annotated[str, meant('"nde", "idm", one of `world_options.PLAIN_ADVERSARIES`, or a policy file.')] = "nde"
     actions: Annotated[str, meant('"discrete", one of 33, or "box", two numbers (`spaces.av_commands`).')] = "discrete"
+    scaled: Annotated[
+        bool, meant("Divide what is seen by its usual sizes; False: SI units, as an AV under test sees.")
+    ] = True
     act_every: Annotated[
         int | None, meant("Tenths of a second between two decisions: 1, 2, 5 or 10; None: as the ODD says.")
     ] = None

@@ -147,8 +147,8 @@ class AdversaryEnv(_SingleEnv):
 class DrivingEnv(_SingleEnv):
     """The agent is the AV.
 
-    Observation: float32 (13, 8), `sim.av_view`. Reward: the share of the test's length that it drove in this step,
-    minus 1 for a crash.
+    Observation: float32 (13, 8), `sim.av_view`, over usual sizes (`networks.SIZES`) or in SI units. Reward: the share
+    of the test's length that it drove in this step, minus 1 for a crash.
 
     Args:
         options: Those of `options.Driving`, by name; `bounded` is for plain adversaries, a policy file says it itself.
@@ -162,7 +162,8 @@ class DrivingEnv(_SingleEnv):
     def __init__(self, options: Driving) -> None:
         self.action_space = driving_actions(options.actions)
         self._batch = driving_batch(
-            1, 1, options.world(), bv=options.bv, box=options.actions == "box", act_every=options.act_every
-        )
-        self.observation_space = driving_observations(self._batch.run.odd)
+            1, 1, options.world(), bv=options.bv, box=options.actions == "box", act_every=options.act_every,
+            scaled=options.scaled,
+        )  # fmt: skip
+        self.observation_space = driving_observations(self._batch.run.odd, scaled=options.scaled)
         self._finish(options.render_mode, round(10 / self._batch.run.odd.av_substeps))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cornerforge._words import shown
 from cornerforge.errors import InputError
-from cornerforge.foreign.networks import answers_of_box, answers_of_index
+from cornerforge.foreign.networks import SIZES, answers_of_box, answers_of_index
 from cornerforge.sim import av_view, neighbours, observe
 from cornerforge.types import HIGHEST_COMMAND, LOWEST_COMMAND, N_ACTIONS, Odd
 
@@ -59,8 +59,8 @@ def adversary_observations(odd: Odd) -> spaces.Box:
     return spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
 
 
-def driving_observations(odd: Odd) -> spaces.Box:
-    """Give the space of `sim.av_view.view_of_av`: float32 (VIEW_ROWS, VIEW_COLUMNS), SI units."""
+def driving_observations(odd: Odd, *, scaled: bool) -> spaces.Box:
+    """Give the space of `sim.av_view.view_of_av`: float32 (VIEW_ROWS, VIEW_COLUMNS), in SI units or over `SIZES`."""
     width = odd.n_lanes * odd.lane_width
     lanes = odd.n_lanes - 1.0
     low, high = np.zeros((av_view.VIEW_ROWS, av_view.VIEW_COLUMNS)), np.ones((av_view.VIEW_ROWS, av_view.VIEW_COLUMNS))
@@ -70,7 +70,8 @@ def driving_observations(odd: Odd) -> spaces.Box:
     )
     low[0, 1:3] = -odd.max_speed, 0.0
     high[0, 1:3] = odd.test_length, width
-    return spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
+    sizes = SIZES if scaled else np.float32(1.0)
+    return spaces.Box(low.astype(np.float32) / sizes, high.astype(np.float32) / sizes, dtype=np.float32)
 
 
 def one_of_33() -> spaces.Discrete:

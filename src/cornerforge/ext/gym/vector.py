@@ -234,9 +234,9 @@ class DrivingVectorEnv(_BatchVectorEnv):
         self.single_action_space = driving_actions(options.actions)
         self._batch = driving_batch(
             options.num_envs, options.threads, options.world(), bv=options.bv, box=options.actions == "box",
-            act_every=options.act_every,
+            act_every=options.act_every, scaled=options.scaled,
         )  # fmt: skip
-        self.single_observation_space = driving_observations(self._batch.run.odd)
+        self.single_observation_space = driving_observations(self._batch.run.odd, scaled=options.scaled)
         self._finish(
             options.num_envs, options.autoreset_mode, options.render_mode, round(10 / self._batch.run.odd.av_substeps)
         )
