@@ -13,8 +13,9 @@ from cornerforge import results
 from cornerforge.errors import InputError
 from cornerforge.results import NaturalRate, Queried, Simulated
 from cornerforge.results.analysis import Analysed, FlawShown, OwnDoing
-from cornerforge.results.driving import KindRate
+from cornerforge.results.driving import KindRate, ModelUncertainty
 from cornerforge.results.html import Result
+from cornerforge.results.retest import Compared
 
 HOSTILE = "<script>alert(1)</script> & \u202eevil"
 
@@ -75,6 +76,14 @@ def test_what_is_not_known_is_no_number() -> None:
     assert rows["crashes_per_test"] == ["0 per test", "0 to 0.5", "0 tests"]
     assert rows["doubts"][0] == "few crashes"
     assert rows["crash_types"][0] == "none"
+
+
+def test_an_interval_stands_beside_what_it_is_of_or_alone() -> None:
+    compared = plain_result(Compared, rate_difference=-0.02, interval95=(-0.03, -0.01), tests=7)
+    assert read(compared)["rate_difference"] == ["-0.02 per test", "-0.03 to -0.01", "7 tests"]
+    uncertain = read(plain_result(ModelUncertainty, cv=0.5, cv_interval95=(0.25, 1.0), interval95=(0.0, 1e-6)))
+    assert uncertain["cv"] == ["0.5", "0.25 to 1", ""]
+    assert uncertain["interval95"] == ["0 to 1e-06", "", ""]  # its middle is the rate, which is no field here
 
 
 def test_parts_of_a_result_unfold_with_their_intervals() -> None:

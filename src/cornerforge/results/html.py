@@ -109,11 +109,7 @@ def _in_one(stated: Sequence[str]) -> str:
 def _stated(result: Result) -> Iterator[tuple[str, str, str, str, str]]:
     """Give name, meaning, and as HTML value, interval and number of each field; "" for what it does not have."""
     kind: Any = type(result)
-    interval_of = {
-        next(name for name in names if hasattr(result, name)): interval
-        for interval, names in IN_INTERVAL.items()
-        if hasattr(result, interval) and any(hasattr(result, name) for name in names)
-    }
+    interval_of = {name: one.name for one in fields(kind) if (name := _quantity_of(one.name, result))}
     for one in fields(kind):
         value = getattr(result, one.name)
         if one.name in interval_of.values() or one.name.endswith(_BY_CLOCK) or (value is None and one.default is None):
@@ -127,6 +123,14 @@ def _stated(result: Result) -> Iterator[tuple[str, str, str, str, str]]:
         value_is_interval = "interval" in one.name and isinstance(value, (tuple, list))
         shown = _from_to(value) if value_is_interval else html_of(value, unit)
         yield one.name, said.description or "", shown, "" if interval is None else _from_to(interval), n
+
+
+def _quantity_of(interval: str, result: Result) -> str | None:
+    """Name the field that an interval is of; None: it is no interval, or of no field of this result."""
+    if "interval" not in interval:
+        return None
+    names = (*IN_INTERVAL.get(interval, ()), "rate_difference", interval.removesuffix("_interval95"))
+    return next((name for name in names if name != interval and hasattr(result, name)), None)
 
 
 def _from_to(interval: Sequence[float]) -> str:

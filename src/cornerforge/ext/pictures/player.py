@@ -15,7 +15,7 @@ from cornerforge.verbs.drive_case import told
 
 __all__ = ["player"]
 
-HEIGHT = 340
+HEIGHT = 350
 """Of the frame [CSS px]."""
 
 
@@ -37,10 +37,14 @@ def player(case_id: str, scenario: Scenario) -> str:
     try:
         from markupsafe import Markup
 
-        page: str = environment().get_template("case.html.j2").render(
-            case=case, told=printable(told(scenario)[2]), style=Markup(template("report.css")), script=Markup(script),
+        made = environment().get_template("case.html.j2")
+        page: str = made.render(
+            case=case,
+            told=printable(told(scenario)[2].partition(" (")[0]),
+            style=Markup(template("report.css")),
+            script=Markup(script),
             policy=content_policy([script]),
-        )  # fmt: skip
+        )
     except (ImportError, MissingExtraError):
         return f"<p>{escape(str(MissingExtraError('jinja2', 'report')))}</p>"
     frame = f'sandbox="allow-scripts" width="100%" height="{HEIGHT}" style="border:0"'
