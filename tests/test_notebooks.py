@@ -47,7 +47,7 @@ def test_links_of_a_notebook_lead_to_files(path: Path) -> None:
 
 
 def test_a_notebook_becomes_a_page_with_its_outputs() -> None:
-    printed = {"output_type": "stream", "name": "stdout", "text": ["0.1 crashes\n"]}
+    printed = {"output_type": "stream", "name": "stdout", "text": ["0.1 < 1\n"]}
     table = {"output_type": "execute_result", "data": {"text/html": ["<table>", "</table>"]}}
     picture = {"output_type": "display_data", "data": {"image/png": "QUJD\n"}}
     page = shown_notebook(
@@ -64,7 +64,8 @@ def test_a_notebook_becomes_a_page_with_its_outputs() -> None:
     )
     assert page.startswith("# Title\n[a](2-b.md), [c](../adr/0001-record-decisions.md)\n\n")
     assert '<a href="x.ipynb" download>' in page
-    assert "```python\na][0]\n```\n\n```text\n0.1 crashes\n```\n\n" in page
+    assert "```python\na][0]\n```\n\n" in page
+    assert '<div class="output"><pre>0.1 &lt; 1\n</pre></div>' in page
     assert '<div class="output"><table></table></div>' in page
     assert 'src="data:image/png;base64,QUJD">' in page
 

@@ -11,6 +11,7 @@ import json
 import posixpath
 import re
 from collections.abc import Callable, Iterator, Mapping
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -125,7 +126,7 @@ def shown_output(output: Mapping[str, Any]) -> str:
     if "image/png" in data:
         picture = "".join(data["image/png"]).replace("\n", "")
         return f'<div class="output"><img alt="What the code above draws" src="data:image/png;base64,{picture}"></div>'
-    return f"```text\n{''.join(output.get('text') or data['text/plain']).rstrip()}\n```"
+    return f'<div class="output"><pre>{escape("".join(output.get("text") or data["text/plain"]))}</pre></div>'
 
 
 def promised() -> dict[str, list[str]]:

@@ -8,10 +8,12 @@ from pathlib import Path
 from crashes_by_hand import MIDDLE, Car, crash
 from html_page import Page, browse, needs_browser
 
+import cornerforge
 from cornerforge.ext.pictures.player import player
 from cornerforge.library import CaseLibrary
 from cornerforge.report.cases import case_data
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 STRUCK = crash(Car(0.0, MIDDLE, 25.0), Car(40.0, MIDDLE, 15.0))
 
 
@@ -62,6 +64,16 @@ def test_a_case_of_a_library_plays_and_says_in_a_line_what_it_is(swerve_library:
     told = library._repr_html_()
     assert f"<td>cases</td><td>{len(library):,}</td>" in told
     assert "<td>bv</td><td>swerve</td>" in told
+
+
+def test_a_driven_case_plays_also_without_a_crash(tmp_path: Path) -> None:
+    driven = cornerforge.drive_case(EXAMPLES / "cases" / "hard-braking.json", av="rss-cautious")
+    page = page_of(driven._repr_html_(), tmp_path / "page.html")
+    (case,) = page.data("cases")
+    assert case["id"] == driven.case
+    assert (driven.crashed, case["crash"]) == (False, None)
+    assert "The AV does not crash" in page.text
+    assert "Case hard-braking: no crash of the AV in 9.0 s" in page.text
 
 
 @needs_browser

@@ -27,7 +27,7 @@ IN_INTERVAL = {
 _COUNTED_OVER = {"per test": "tests", "per mile": "miles", "per BV-mile": "bv_miles"}
 _BY_CLOCK = ("seconds", "per_second")
 _UNIT_BESIDE, _UNIT_IN_NAME = "`unit`", "as its name says"
-_WORDS = 10
+_WORDS, _FEW = 10, 3
 _STYLE = "<style>.cornerforge :is(caption, th, td) { text-align: left }</style>"
 
 
@@ -82,8 +82,8 @@ def _headline(result: Result) -> str:
     return (type(result).__doc__ or type(result).__name__).partition("\n")[0]
 
 
-def _folded(summary: str, content: str) -> str:
-    return f"<details><summary>{html_of(summary)}</summary>{content}</details>"
+def _folded(summary: str, content: str, unfolded: str = "") -> str:
+    return f"<details{unfolded}><summary>{html_of(summary)}</summary>{content}</details>"
 
 
 def _several(values: Mapping[Any, Any] | Sequence[Any], unit: str) -> str:
@@ -93,7 +93,8 @@ def _several(values: Mapping[Any, Any] | Sequence[Any], unit: str) -> str:
     if all(isinstance(value, Result) for _, value in pairs):
         head = ["", *(name for name, *_ in _stated(pairs[0][1]))]
         rows = ([html_of(name), *map(_in_one, _stated(value))] for name, value in pairs)
-        return _folded(f"{len(pairs):,}", html_table(head, rows, _headline(pairs[0][1])))
+        table = html_table(head, rows, _headline(pairs[0][1]))
+        return _folded(f"{len(pairs):,}", table, " open" if len(pairs) <= _FEW else "")
     shown = [
         f"{html_of(name)}: {html_of(value, unit)}" if name != "" else html_of(value, unit) for name, value in pairs
     ]
