@@ -221,7 +221,7 @@ def _named(default: Any) -> Any:
 
 def _documented(docstring: str, options: type[Options]) -> str:
     """Put the options into the docstring of a verb, before what it returns."""
-    inside = {"width": 100, "initial_indent": " " * 8, "subsequent_indent": " " * 12, "break_on_hyphens": False}
-    lines = [textwrap.fill(f"{one.name}: {_in_words(said)}", **inside) for one, _, said in options_of(options)]
+    inside = textwrap.TextWrapper(100, " " * 8, " " * 12, break_on_hyphens=False)
+    lines = [inside.fill(f"{one.name}: {_in_words(said)}") for one, _, said in options_of(options)]
     head, returns, rest = docstring.partition("    Returns:")
     return "\n".join([head.rstrip(), "", "    Args:", *lines, "", returns + rest]) if lines else docstring
