@@ -21,7 +21,7 @@ MACHINE_CODE ?= yes
 export CORNERFORGE_MACHINE_CODE := $(if $(MACHINE_CODE),$(CURDIR)/build/machine-code)
 PIP := -m pip -qq --disable-pip-version-check
 SCRIPTS := $(wildcard benchmarks/*.py docs/_site/*.py examples/*.py supply/*.py)
-LINTED := src tests $(SCRIPTS)
+LINTED := src tests $(SCRIPTS) docs/notebooks
 # Tests of the installed wheel: storage, queries, processes of AVs, pictures, metrics, and the bits of a drive. They compile little.
 WHEEL_TESTS := tests/adversary/test_policy_file.py tests/foreign/test_av_process.py tests/library tests/metrics \
 	tests/report/test_report_figures.py tests/sim/test_digests.py tests/test_public_api.py
@@ -44,7 +44,7 @@ DANGER := src/cornerforge/rates/danger.npz
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup environments web demo test test-full kernels ledger test-slow fuzz kill test-browser test-interchange check format audit licences docs wheel lowest bench model rl-av danger golden clean-cache clean
+.PHONY: help setup environments web demo test test-full kernels ledger test-slow fuzz kill test-browser test-interchange check format audit licences docs notebooks wheel lowest bench model rl-av danger golden clean-cache clean
 
 help: ## list the targets (this)
 	@awk -F ':.*## ' '/^[a-z][a-z-]*:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -116,6 +116,9 @@ licences: $(SETUP) $(AUDIT) $(WEB) ## list the licences of all dependencies agai
 docs: $(DOCS) ## build the documentation as a site that loads nothing from elsewhere: site/index.html
 	@NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build --strict --quiet
 	@.venv-docs/bin/python docs/_site/site_check.py site
+
+notebooks: kernels ## run the notebooks of docs/notebooks anew, in their order, and write them with their outputs
+	@$(BIN)/python supply/notebooks.py
 
 # All archives are built by the setuptools of constraints.txt: another one may write other bytes.
 # The tests run from the unpacked source archive, without its src/: what they import can only be the installed wheel.

@@ -36,6 +36,7 @@ PLAIN = {
     "BSD 2-Clause License": "BSD-2-Clause",
     "BSD License": "BSD",
     "ISC License": "ISC",
+    "ISC License (ISCL)": "ISC",
     "LGPL v2.1": "LGPL-2.1",
     "MIT License": "MIT",
     "Mozilla Public License 2.0 (MPL 2.0)": "MPL-2.0",

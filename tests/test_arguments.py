@@ -164,6 +164,17 @@ def without_default(name: str) -> dict[str, Any]:
     return {one.name: right(str(one.annotation)) for one in must}
 
 
+@pytest.mark.parametrize("name", sorted(CLASSES))
+def test_help_speaks_python(name: str) -> None:
+    """Options are named as in Python, long lines are broken, defaults have names, and no number has half its digits."""
+    call = getattr(cornerforge, name)
+    said = (call.__doc__ or "").partition("    Args:")[2].partition("\n\n")[0]
+    assert " --" not in said
+    assert max(map(len, said.splitlines()), default=0) <= 100
+    assert "e+18" not in said
+    assert " at 0x" not in str(inspect.signature(call))
+
+
 WRONG: tuple[Any, ...] = (object(), 1j, {}, b"x", lambda: None)
 
 

@@ -19,6 +19,7 @@ GOOD = '<link rel="canonical" href="https://example.org/"><a href="https://examp
         ("docs/design.md", "../CONTRIBUTING.md", "contributing.md"),
         ("docs/adr/0018-impact.md", "../../examples/my_av.py", "../source/examples/my_av.py.md"),
         ("docs/adr/0001-record-decisions.md", "template.md", "template.md"),
+        ("README.md", "docs/notebooks/1-first-run.ipynb", "notebooks/1-first-run.md"),
         ("docs/commands.md", "#run", "#run"),
         ("docs/many-machines.md", "https://docs.ray.io", "https://docs.ray.io"),
     ],

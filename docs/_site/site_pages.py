@@ -1,15 +1,17 @@
-"""Pages of the site that are not written in docs/, and links to what stands outside it; mkdocs.yml names this file.
+"""Pages of the site that are not written as pages, and links to what stands outside docs/; mkdocs.yml names this file.
 
-README.md, CONTRIBUTING.md, SECURITY.md and CHANGELOG.md become pages, the Python interface is made from docstrings for
-the names of tests/public_api.txt, and a link from a page to another file of the project leads to a page that shows the
-file.
+Notebooks become pages with the outputs that they are committed with. README.md, CONTRIBUTING.md, SECURITY.md and
+CHANGELOG.md become pages, the Python interface is made from docstrings for the names of tests/public_api.txt, and a
+link from a page to another file of the project leads to a page that shows the file.
 """
 
 from __future__ import annotations
 
+import json
 import posixpath
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +33,7 @@ FENCE = re.compile(r"(^```.*?^```|`[^`\n]+`)", flags=re.MULTILINE | re.DOTALL)
 def page_of(path: str) -> str:
     """Where the site shows a file of the project: its page below docs/."""
     if path.startswith("docs/"):
-        return path.removeprefix("docs/")
+        return path.removeprefix("docs/").replace(".ipynb", ".md")
     return WHOLE_PAGES.get(path, f"source/{path}.md")
 
 
@@ -40,6 +42,8 @@ def file_of(page: str) -> str:
     for path, shown in WHOLE_PAGES.items():
         if shown == page:
             return path
+    if page.startswith("notebooks/"):
+        return f"docs/{page.removesuffix('.md')}.ipynb"
     return page.removeprefix("source/").removesuffix(".md") if page.startswith("source/") else f"docs/{page}"
 
 
@@ -90,6 +94,41 @@ def shown_file(path: str) -> str:
     return f"# {name.name}\n\n`{path}`\n\n````{language}\n{(ROOT / path).read_text(encoding='utf-8')}````\n"
 
 
+def notebooks() -> dict[str, Any]:
+    """The notebooks by path, in their order."""
+    found = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+    return {path.relative_to(ROOT).as_posix(): json.loads(path.read_text(encoding="utf-8")) for path in found}
+
+
+def text_of_notebook(notebook: Mapping[str, Any]) -> str:
+    """What is written between the code."""
+    return "\n\n".join("".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "markdown")
+
+
+def shown_notebook(path: str, notebook: Mapping[str, Any]) -> str:
+    """The page of a notebook: its text, its code, and what the code printed and showed."""
+    name = posixpath.basename(path)
+    parts = []
+    for cell in notebook["cells"]:
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            parts.append(with_links_of_the_site(source, path))
+        else:
+            parts += [f"```python\n{source}\n```", *map(shown_output, cell["outputs"])]
+    parts.insert(1, f'To run it yourself: <a href="{name}" download>{name}</a>.')
+    return "\n\n".join(parts) + "\n"
+
+
+def shown_output(output: Mapping[str, Any]) -> str:
+    data = output.get("data", {})
+    if "text/html" in data:
+        return f'<div class="output">{"".join(data["text/html"])}</div>'
+    if "image/png" in data:
+        picture = "".join(data["image/png"]).replace("\n", "")
+        return f'<div class="output"><img alt="What the code above draws" src="data:image/png;base64,{picture}"></div>'
+    return f'<div class="output"><pre>{escape("".join(output.get("text") or data["text/plain"]))}</pre></div>'
+
+
 def promised() -> dict[str, list[str]]:
     """The names of the Python interface, by the module that gives them."""
     modules: dict[str, list[str]] = {}
@@ -129,8 +168,8 @@ def page_of_module(package: Any, module: str, names: list[str]) -> str:
     return f"# {module}\n\n{about}\n" + "\n\n".join(described) + "\n"
 
 
-def title_of(path: Path) -> str:
-    return path.read_text(encoding="utf-8").partition("\n")[0].removeprefix("# ").strip()
+def title_of(text: str) -> str:
+    return text.partition("\n")[0].removeprefix("# ").strip()
 
 
 def made_pages() -> Iterator[tuple[str, str]]:
@@ -140,7 +179,9 @@ def made_pages() -> Iterator[tuple[str, str]]:
     texts = {path: (ROOT / path).read_text(encoding="utf-8") for path in WHOLE_PAGES}
     for path in sorted((ROOT / "docs").rglob("*.md")):
         texts[path.relative_to(ROOT).as_posix()] = path.read_text(encoding="utf-8")
+    texts |= {path: text_of_notebook(notebook) for path, notebook in notebooks().items()}
     yield from ((page, with_links_of_the_site(texts[path], path)) for path, page in WHOLE_PAGES.items())
+    yield from ((page_of(path), shown_notebook(path, notebook)) for path, notebook in notebooks().items())
     yield from ((page_of(path), shown_file(path)) for path in files_outside(texts))
     package = load("cornerforge", search_paths=[str(ROOT / "src")])
     yield from ((f"python/{name}.md", page_of_module(package, name, given)) for name, given in promised().items())
@@ -161,7 +202,10 @@ def filled(nav: Any, lists: dict[str, list[Any]]) -> Any:
 def on_config(config: Any) -> Any:
     records = sorted((ROOT / "docs" / "adr").glob("0*.md"))
     lists: dict[str, list[Any]] = {
-        "ADRS": [{title_of(path).removeprefix("ADR "): f"adr/{path.name}"} for path in records],
+        "ADRS": [
+            {title_of(path.read_text(encoding="utf-8")).removeprefix("ADR "): f"adr/{path.name}"} for path in records
+        ],
+        "NOTEBOOKS": [{title_of(text_of_notebook(one)): page_of(path)} for path, one in notebooks().items()],
         "PYTHON": [{module: f"python/{module}.md"} for module in promised()],
     }
     config.nav = filled(config.nav, lists)

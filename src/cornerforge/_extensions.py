@@ -7,9 +7,9 @@ from typing import Any
 
 __all__ = ["extension"]
 
-_PARTS = {"films": "pictures.picture", "model draws": "studies.model_draws"}
+_PARTS = {"films": "pictures.picture", "model draws": "studies.model_draws", "players": "pictures.player"}
 
 
 def extension(part: str) -> Any:
-    """Give the module of a part: "films" (`replay --video`) or "model draws" (`rate --model-draws`)."""
+    """Give the module of a part: "films" (`replay`), "model draws" (`rate`) or "players" (cases in notebooks)."""
     return importlib.import_module(f"cornerforge.ext.{_PARTS[part]}")

@@ -18,6 +18,8 @@ from __future__ import annotations
 
 import functools
 import inspect
+import re
+import textwrap
 from collections.abc import Callable, Iterator
 from dataclasses import Field, dataclass, fields
 from typing import Annotated, Any, Concatenate, ParamSpec, TypeVar, cast, get_args
@@ -96,12 +98,15 @@ def options_of(options: type[Options]) -> Iterator[tuple[Field[Any], Any, Meta]]
 
 def _in_words(said: Meta) -> str:
     """Say what an option means, with its unit, its values and its range."""
-    option, unit, text = shown_of(said), unit_of(said), said.description or ""
-    parts = [f"{text.rstrip('.')} [{unit}]." if unit else text]
+    option, unit = shown_of(said), unit_of(said)
+    text = re.sub("--([a-z-]+)", lambda found: found[1].replace("-", "_"), said.description or "")
+    first, _, rest = text.partition(". ")
+    parts = [f"{first.rstrip('.')} [{unit}]. {rest}".rstrip() if unit else text]
     if "choices" in option:
         parts.append(f"One of {', '.join(option['choices'])}.")
     if said.ge is not None:
-        parts.append(f"At least {said.ge:g}." if said.le is None else f"From {said.ge:g} to {said.le:g}.")
+        most = "2^63 - 1" if said.le == 2**63 - 1 else said.le and f"{said.le:g}"
+        parts.append(f"From {said.ge:g} to {most}." if most else f"At least {said.ge:g}.")
     return " ".join([*parts, *([option["more"]] if "more" in option else [])])
 
 
@@ -196,12 +201,27 @@ def _made(options: Callable[P, OPTIONS], of: Callable[..., Any], args: Any, kwar
 def _signature(options: type[Options], of: inspect.Signature) -> inspect.Signature:
     """Return the signature of a verb for people: its own options first, each with its type alone."""
     made = inspect.signature(options).parameters
-    shown = [made[one.name].replace(annotation=kind) for one, kind, _ in options_of(options)]
+    shown = [
+        made[one.name].replace(annotation=kind, default=_named(made[one.name].default))
+        for one, kind, _ in options_of(options)
+    ]
     return of.replace(parameters=sorted(shown, key=lambda one: one.kind))
+
+
+class _Name(str):
+    """A text that `help` shows without quotes."""
+
+    __repr__ = str.__str__
+
+
+def _named(default: Any) -> Any:
+    """Give the name of a function that is a default; other defaults are shown as they are."""
+    return _Name(default.__name__) if inspect.isfunction(default) else default
 
 
 def _documented(docstring: str, options: type[Options]) -> str:
     """Put the options into the docstring of a verb, before what it returns."""
-    lines = [f"        {one.name}: {_in_words(said)}" for one, _, said in options_of(options)]
+    inside = textwrap.TextWrapper(100, " " * 8, " " * 12, break_on_hyphens=False)
+    lines = [inside.fill(f"{one.name}: {_in_words(said)}") for one, _, said in options_of(options)]
     head, returns, rest = docstring.partition("    Returns:")
     return "\n".join([head.rstrip(), "", "    Args:", *lines, "", returns + rest]) if lines else docstring

@@ -80,12 +80,12 @@ class AvProcessOptions(_World):
         ),
     ] = 5.0  # fmt: skip
     av_python: Annotated[
-        str | None, meant("Python in which such an AV runs, such as env/bin/python; it needs NumPy only.")
+        str | None, meant("Python in which an AV from outside runs, such as env/bin/python; it needs NumPy only.")
     ] = None
     av_memory: Annotated[
         float | None,
         meant(
-            "GB that a process of such an AV may take; half of the machine's by default.",
+            "GB that a process of an AV from outside may take; half of the machine's by default.",
             unit="GB",
             more="0.25 to 1e6.",
         ),
@@ -109,11 +109,15 @@ class AvAskedOptions(AvProcessOptions):
 
     av_batch: Annotated[
         int | None,
-        meant("Worlds that such an AV is asked about together; chosen by its speed by default.", low=1, high=65_536),
+        meant(
+            "Worlds that an AV from outside is asked about together; chosen by its speed by default.",
+            low=1,
+            high=65_536,
+        ),
     ] = None
     av_processes: Annotated[
         int | None,
-        meant("Processes of such an AV at the same time; as many as threads by default.", low=1, high=1024),
+        meant("Processes of an AV from outside at the same time; as many as threads by default.", low=1, high=1024),
     ] = None
 
 

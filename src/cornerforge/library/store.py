@@ -16,6 +16,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
+from cornerforge._extensions import extension
 from cornerforge._files import reason
 from cornerforge._locks import claim_folder, claims, is_lock
 from cornerforge._words import shown
@@ -44,6 +45,7 @@ from cornerforge.library.shards import (
     write_shard,
 )
 from cornerforge.library.tables import restore, script_of
+from cornerforge.results.html import html_of, html_table
 from cornerforge.sim import Script
 from cornerforge.types import Odd, Scenario
 
@@ -53,9 +55,9 @@ _READERS = 4
 """Files of cases that are read at the same time."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class StoredCase:
-    """One case as stored.
+    """One case as stored; a notebook plays it.
 
     Attributes:
         scenario: The vehicles that were stored; values have float32 precision.
@@ -69,6 +71,13 @@ class StoredCase:
     history: NDArray[np.float64]
     script: Script | None = None
 
+    def __repr__(self) -> str:
+        return f"<case {self.scalars['case_id']}: crash after {self.scalars['crash_time_s']:.1f} s>"
+
+    def _repr_html_(self) -> str:
+        html: str = extension("players").player(self.scalars["case_id"], self.scenario)
+        return html
+
 
 class CaseLibrary:
     """Corner cases of one run, in a folder.
@@ -81,6 +90,13 @@ class CaseLibrary:
         self._manifest = manifest
         self._committed = committed  # the manifest's bytes, to notice a second writer; None: read only
         self._reader = ShardReader(path, manifest)
+
+    def _repr_html_(self) -> str:
+        told = {"folder": str(self.path)} | {name: self.identity.get(name) for name in ("av", "bv", "odd", "seed")}
+        told |= {"tests": self.tests, "crashes": self.crashes, "cases": len(self)}
+        return html_table(
+            ("", "value"), ((name, html_of(value)) for name, value in told.items()), "A library of cases."
+        )
 
     @classmethod
     def create(cls, path: Path | str, identity: Identity, odd: Odd) -> CaseLibrary:

@@ -1,4 +1,4 @@
-"""Results of verbs: classes of declared fields (`_schema.Declared`) that say unit and meaning, the keys of `--json`.
+"""Results of verbs: classes of declared fields (`html.Result`) that say unit and meaning, the keys of `--json`.
 
 A field's name is its key, and the order of fields is that of the keys; a class that is made of others has the fields of
 the last of its bases first. `as_json` makes from them what `--json` prints; docs/results-json.md is made of them, too.

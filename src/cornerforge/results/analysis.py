@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, get_args
 
-from cornerforge._schema import Declared, Share, Whole, meant
+from cornerforge._schema import Share, Whole, meant
+from cornerforge.results.html import Result
 from cornerforge.results.rates import Interval
 
 __all__ = [
@@ -40,7 +41,7 @@ PARTS = ("own_doing", "avoidability", "severity", "novelty")
 _CASES = meant("Cases that were analysed.")
 
 
-class Cluster(Declared):
+class Cluster(Result):
     """One K-means cluster of the majority or the minority."""
 
     id: Annotated[Whole, meant("From 0: the majority's clusters by size, then the minority's.")]
@@ -50,7 +51,7 @@ class Cluster(Declared):
     crash_types: Annotated[dict[str, Whole], meant("Cases by crash type, only those that occur.")]
 
 
-class ClusterChoice(Declared):
+class ClusterChoice(Result):
     """Why a group has as many clusters as it has."""
 
     k: Annotated[Whole, meant("Number of clusters, 1 to 8.")]
@@ -63,7 +64,7 @@ class ClusterChoice(Declared):
     ]
 
 
-class Avoidability(Declared):
+class Avoidability(Result):
     """Shares of the drawn cases with a way out."""
 
     cases: Annotated[Whole, meant("Cases drawn, for which a way out was searched.")]
@@ -81,7 +82,7 @@ class Avoidability(Declared):
     ]
 
 
-class PreventedShare(Declared):
+class PreventedShare(Result):
     """How many crashes a reference driver would have prevented."""
 
     cases: Annotated[Whole, meant("Cases that it would have prevented.")]
@@ -90,7 +91,7 @@ class PreventedShare(Declared):
     by_braking: Annotated[Whole, meant("Of `cases` those in which holding the speed is not enough.")]
 
 
-class Prevented(Declared):
+class Prevented(Result):
     """Crashes that reference drivers would have prevented in the AV's place (docs/adr/0039)."""
 
     cases: Annotated[Whole, meant("Cases that were judged.")]
@@ -106,7 +107,7 @@ class Prevented(Declared):
     ] = None
 
 
-class ShareAtReaction(Declared):
+class ShareAtReaction(Result):
     """How many of the cases a judge calls preventable at one reaction time."""
 
     reaction_s: Annotated[float, meant("From the begin of the manoeuvre, or from seeing danger.", "s")]
@@ -115,7 +116,7 @@ class ShareAtReaction(Declared):
     interval95: Annotated[Interval, meant("Exact interval of `share`.")]
 
 
-class Judges(Declared):
+class Judges(Result):
     """The judges against each other on the drawn cases (docs/adr/0044): reference drivers, ways out, a held speed."""
 
     cases: Annotated[Whole, meant("Cases drawn that all of them judged.")]
@@ -143,7 +144,7 @@ class Judges(Declared):
     ]
 
 
-class FlawShown(Declared):
+class FlawShown(Result):
     """A flaw of the AV that its crashes show."""
 
     flaw: Annotated[str, meant("Its name, of `analysis.flaw.FLAWS`.")]
@@ -157,7 +158,7 @@ class FlawShown(Declared):
     typical: Annotated[tuple[str, ...], meant("Up to five case ids that show it, most valuable first.")]
 
 
-class OwnDoing(Declared):
+class OwnDoing(Result):
     """The AV's own mistakes (docs/adr/0041)."""
 
     text: Annotated[str, meant("What it does wrong, in a sentence; or that nothing was found.")]
@@ -165,7 +166,7 @@ class OwnDoing(Declared):
     conducts: Annotated[dict[str, Whole], meant("Cases by what the AV did wrong in them, only those that occur.")]
 
 
-class TopCase(Declared):
+class TopCase(Result):
     """A case that is worth a look, with the parts of its value (docs/adr/0017)."""
 
     case_id: Annotated[str, meant("Name of the case, seed:test.")]
@@ -187,14 +188,14 @@ class TopCase(Declared):
     text: Annotated[str, meant("What happened, in a sentence.")]
 
 
-class ValueFound(Declared):
+class ValueFound(Result):
     """Case to look at first."""
 
     weights: Annotated[dict[str, Share], meant("Weight of each part of a value; they sum to 1.")]
     top: Annotated[tuple[TopCase, ...], meant("Up to ten cases, most valuable first.")]
 
 
-class Coverage(Declared):
+class Coverage(Result):
     """Kinds of crash that were seen, and how likely the next case is of a new one."""
 
     cases: Annotated[Whole, meant("Cases that were put into cells.")]
@@ -208,7 +209,7 @@ class Coverage(Declared):
     unseen_kind_interval95: Annotated[Interval, meant("Interval of `unseen_kind_chance`.")]
 
 
-class NaturalKind(Declared):
+class NaturalKind(Result):
     """How often crashes of one kind happen in natural traffic."""
 
     cases: Annotated[Whole, meant("Cases of this kind.")]
@@ -219,7 +220,7 @@ class NaturalKind(Declared):
     interval95_miles: Annotated[Interval, meant("Interval of `miles_between`.", "miles")]
 
 
-class Natural(Declared):
+class Natural(Result):
     """How often the crashes of a library happen in natural traffic; each dictionary begins with the most frequent."""
 
     effective_cases: Annotated[float, meant("Cases that would tell as much if all weighed the same.")]
@@ -256,7 +257,7 @@ class Natural(Declared):
     ]
 
 
-class Analysed(Declared):
+class Analysed(Result):
     """Kinds of crash in a library, typical and rare cases, and what each is worth."""
 
     cases: Annotated[Whole, _CASES]

@@ -4,25 +4,26 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from cornerforge._schema import Declared, Whole, meant
+from cornerforge._schema import Whole, meant
+from cornerforge.results.html import Result
 
 __all__ = ["AvAbout", "AvCheck", "AvChecked", "AvDoes", "AvSpeed", "Avs"]
 
 
-class AvAbout(Declared):
+class AvAbout(Result):
     """A built-in AV."""
 
     name: Annotated[str, meant("What `--av` takes.")]
     about: Annotated[str, meant("What it is, in a line.")]
 
 
-class Avs(Declared):
+class Avs(Result):
     """The built-in AVs."""
 
     avs: Annotated[tuple[AvAbout, ...], meant("All of them.")]
 
 
-class AvCheck(Declared):
+class AvCheck(Result):
     """Result of one trial of an AV."""
 
     name: Annotated[str, meant("Of the trial.")]
@@ -31,7 +32,7 @@ class AvCheck(Declared):
     trace: Annotated[str | None, meant("The AV's whole traceback, where it raised.")] = None
 
 
-class AvSpeed(Declared):
+class AvSpeed(Result):
     """How fast an AV answers, the way to its process included."""
 
     worlds: Annotated[Whole, meant("Worlds in a call: 1, 64 or 256; fewer sizes of a slow AV.")]
@@ -39,7 +40,7 @@ class AvSpeed(Declared):
     decisions_per_second: Annotated[float, meant("Calls times worlds.", "1/s")]
 
 
-class AvDoes(Declared):
+class AvDoes(Result):
     """Work that an AV's speed allows, about: tests to their ends, and no more processes than cores."""
 
     answer_seconds: Annotated[float, meant("Time of an answer in one world, of so many together.", "s")]
@@ -50,7 +51,7 @@ class AvDoes(Declared):
     advice: Annotated[str, meant("How long a training takes, and what to use, in words.")]
 
 
-class AvChecked(Declared):
+class AvChecked(Result):
     """An AV from outside, tried on edge cases."""
 
     av: Annotated[str, meant("As it was named.")]

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from cornerforge._schema import Declared, Whole, meant
+from cornerforge._schema import Whole, meant
+from cornerforge._words import shown
+from cornerforge.errors import InputError, one_line
+from cornerforge.results.html import Result, html_of, html_table
 from cornerforge.results.learning import AV_FAULTS, BOUNDED, BUDGET, POLICY_HASH
 from cornerforge.results.rates import Interval, Yield
 
@@ -25,7 +28,7 @@ __all__ = [
 ]
 
 
-class Replayed(Declared):
+class Replayed(Result):
     """A case, or all cases, driven again."""
 
     case: Annotated[str, meant('Case id, or "all".')]
@@ -40,7 +43,7 @@ class Replayed(Declared):
     video: Annotated[str | None, meant("File of the film; with `--video`.")] = None
 
 
-class Queried(Declared):
+class Queried(Result):
     """A table: the answer to SQL."""
 
     columns: Annotated[tuple[str, ...], meant("Names of the columns.")]
@@ -49,8 +52,37 @@ class Queried(Declared):
         meant("Values of each row; NaN and infinity are null, times and the like their text."),
     ]
 
+    def _repr_html_(self) -> str:
+        rows = (tuple(map(html_of, row)) for row in self.rows)
+        return html_table(self.columns, rows, f"{len(self.rows):,} rows of {len(self.columns)} columns")
 
-class CaseSize(Declared):
+    def to_arrow(self) -> Any:
+        """Make a `pyarrow.Table`, which polars and DuckDB read.
+
+        Raises:
+            InputError: A column mixes types, or has a whole number of 2^63 or more.
+        """
+        import pyarrow as pa
+
+        columns = zip(*self.rows, strict=True) if self.rows else ((),) * len(self.columns)
+        made = []
+        for name, values in zip(self.columns, columns, strict=True):
+            try:
+                made.append(pa.array(values))
+            except (pa.ArrowException, OverflowError) as error:
+                raise InputError(f"The column {shown(name)} is no column of Arrow: {one_line(str(error))}") from None
+        return pa.Table.from_arrays(made, names=list(self.columns))
+
+    def to_pandas(self) -> Any:
+        """Make a `pandas.DataFrame`; pandas must be installed.
+
+        Raises:
+            InputError: As for `to_arrow`.
+        """
+        return self.to_arrow().to_pandas()
+
+
+class CaseSize(Result):
     """How large a case is."""
 
     vehicles: Annotated[Whole, meant("Vehicles in it, the AV among them.")]
@@ -62,7 +94,7 @@ class CaseSize(Declared):
     ]
 
 
-class MedianSize(Declared):
+class MedianSize(Result):
     """Medians over cases."""
 
     vehicles: Annotated[float, meant("Vehicles in a case.")]
@@ -71,14 +103,14 @@ class MedianSize(Declared):
     deviating_actions: Annotated[float, meant("Actions of BVs that are not the likeliest.")]
 
 
-class CaseMedians(Declared):
+class CaseMedians(Result):
     """How much smaller cases became."""
 
     before: Annotated[MedianSize, meant("Of the whole cases.")]
     after: Annotated[MedianSize, meant("Of the shrunk ones.")]
 
 
-class ShrunkCase(Declared):
+class ShrunkCase(Result):
     """A case before and after."""
 
     case: Annotated[str, meant("Case id, the same in both libraries.")]
@@ -91,7 +123,7 @@ class ShrunkCase(Declared):
     after: Annotated[CaseSize, meant("The shrunk one.")]
 
 
-class ShrunkLibrary(Declared):
+class ShrunkLibrary(Result):
     """The smallest forms of cases."""
 
     library: Annotated[str, meant("Folder of the library of shrunk cases.")]
@@ -100,7 +132,7 @@ class ShrunkLibrary(Declared):
     median: Annotated[CaseMedians, meant("Medians over these.")]
 
 
-class VarietyRow(Declared):
+class VarietyRow(Result):
     """How many kinds of crash a library holds, or a way to generate gives."""
 
     name: Annotated[str, meant("The library, or policy and how it acts.")]
@@ -121,14 +153,14 @@ class VarietyRow(Declared):
     cells: Annotated[dict[str, Whole], meant("Cases of each filled cell, fullest first.")]
 
 
-class Varied(Declared):
+class Varied(Result):
     """Kinds of crash, a row for each library or way to generate."""
 
     rows: Annotated[tuple[VarietyRow, ...], meant("In the order of the command line.")]
     first_test: Annotated[Whole | None, meant("Number of the first test; with `--policy`.")] = None
 
 
-class _PlausibilityTraining(Declared):
+class _PlausibilityTraining(Result):
     """Identity of a training."""
 
     train_seed: Annotated[Whole, meant("Seed of the training.")]
@@ -153,7 +185,7 @@ class PlausibilityRun(Yield, _PlausibilityTraining):
     ]
 
 
-class PlausibilityRow(Declared):
+class PlausibilityRow(Result):
     """The policies of one budget."""
 
     budget: Annotated[float | None, BUDGET]
@@ -161,7 +193,7 @@ class PlausibilityRow(Declared):
     runs: Annotated[tuple[PlausibilityRun, ...], meant("One for each training seed.")]
 
 
-class NaturalPlausibility(Declared):
+class NaturalPlausibility(Result):
     """The same of natural drivers: the BV nearest to the AV in each second, over whole tests."""
 
     tests: Annotated[Whole, meant("Tests driven.")]
@@ -171,7 +203,7 @@ class NaturalPlausibility(Declared):
     ]
 
 
-class Plausibility(Declared):
+class Plausibility(Result):
     """Yield against plausibility."""
 
     rows: Annotated[

@@ -9,20 +9,10 @@ from typing import Any
 
 from cornerforge.results.analysis import Analysed, Avoidability, Judges, Prevented
 from cornerforge.results.driving import CasesMade, NaturalRate, Simulated
+from cornerforge.results.html import IN_INTERVAL
 
 __all__ = ["contradiction"]
 
-_IN_INTERVAL = {
-    "interval95": ("crashes_per_test", "share", "avoidable_share"),
-    "interval95_per_mile": ("crashes_per_mile",),
-    "interval95_miles": ("miles_between",),
-    "avoidable_interval95": ("avoidable_per_test",),
-    "striking_interval95": ("striking_share",),
-    "paid_interval95": ("paid_per_test",),
-    "unseen_kind_interval95": ("unseen_kind_chance",),
-    "interval95_bv_crashes_per_bv_mile": ("bv_crashes_per_bv_mile",),
-}
-"""By interval: the number that it is of, the first of these that a result has."""
 _ROUNDED = 1e-6
 _NEVER_NEGATIVE = ("seconds", "miles", "per_test", "per_mile", "half_width", "reaction_s", "share")
 """Ends of names of numbers that are at least 0; a share is at most 1 too."""
@@ -59,7 +49,7 @@ def _within(result: Any, place: str) -> Iterator[str]:
 
 
 def _of_intervals(result: Any, place: str) -> Iterator[str]:
-    for interval, names in _IN_INTERVAL.items():
+    for interval, names in IN_INTERVAL.items():
         found = getattr(result, interval, None)
         if found is None:
             continue

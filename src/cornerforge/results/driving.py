@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from cornerforge._schema import Declared, Whole, meant
+from cornerforge._schema import Whole, meant
 from cornerforge.results.analysis import CrashType
+from cornerforge.results.html import Result
 from cornerforge.results.rates import Counted, Interval, Rate
 
 __all__ = [
@@ -32,7 +33,7 @@ TtcLimit = Literal["3", "4", "5", "10", "15", "20"]
 Percent = Literal["1", "5", "25", "50", "75", "95", "99"]
 
 
-class Quantity(Declared):
+class Quantity(Result):
     """How a quantity is distributed over all BVs at decision times, exact to half a bin."""
 
     unit: Annotated[str, meant("Of mean, sd and quantiles.")]
@@ -44,7 +45,7 @@ class Quantity(Declared):
     ]
 
 
-class Distributions(Declared):
+class Distributions(Result):
     """Distributions of the traffic of BVs (`simulate --stats`)."""
 
     speed: Annotated[Quantity, meant("Speed along the road.")]
@@ -98,7 +99,7 @@ class Filled(CasesMade):
     library: Annotated[str, _LIBRARY]
 
 
-class BvMilesEstimate(Declared):
+class BvMilesEstimate(Result):
     """Sample from which the distance of the BVs is known."""
 
     tests: Annotated[Whole, meant("Tests of the sample, 4096 at most.")]
@@ -107,7 +108,7 @@ class BvMilesEstimate(Declared):
     ]
 
 
-class CrashCircumstances(Declared):
+class CrashCircumstances(Result):
     """Crashes with something that matters to their reading; these overlap."""
 
     at_start: Annotated[Whole, meant("Less than 4 s after the start of the test.")]
@@ -118,7 +119,7 @@ class CrashCircumstances(Declared):
     looked_away: Annotated[Whole, meant("The partner's driver looked away from the road in the last 5 s.")]
 
 
-class _RatedAv(Declared):
+class _RatedAv(Result):
     """AV and method of a rate."""
 
     method: Annotated[str, meant('"mc", plain Monte Carlo; "splitting", trees of tests; "is", importance sampling.')]
@@ -128,14 +129,14 @@ class _RatedAv(Declared):
     lanes: Annotated[Whole, meant("Lanes of the road, 2 to 6.")]
 
 
-class Cost(Declared):
+class Cost(Result):
     """Cost of a part of the work."""
 
     tests: Annotated[Whole, meant("Tests, or trees of tests.")]
     cpu_seconds: Annotated[float, meant("Time on processors, over all threads and sessions.", "s")]
 
 
-class Effort(Declared):
+class Effort(Result):
     """Cost of a rate, part by part; for mc all of it is plain."""
 
     plain: Annotated[Cost, meant("Tests as nature has them.")]
@@ -143,7 +144,7 @@ class Effort(Declared):
     estimation: Annotated[Cost, meant("Trees or weighted tests that the rate comes from.")]
 
 
-class KindRate(Declared):
+class KindRate(Result):
     """How often one kind of crash happens in nature."""
 
     crashes: Annotated[Whole, meant("Crashes of this kind that were looked at.")]
@@ -154,7 +155,7 @@ class KindRate(Declared):
     ]
 
 
-class ModelUncertainty(Declared):
+class ModelUncertainty(Result):
     """How uncertain a rate is because the naturalistic model is, from rates in models drawn about it (ADR 34)."""
 
     draws: Annotated[Whole, meant("Models drawn.")]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from cornerforge._schema import Declared, Whole, meant
+from cornerforge._schema import Whole, meant
+from cornerforge.results.html import Result
 
 __all__ = [
     "CasesBrought",
@@ -17,7 +18,7 @@ __all__ = [
 ]
 
 
-class ImportedCase(Declared):
+class ImportedCase(Result):
     """A file of another tool, the case made of it, and what became of the AV in it."""
 
     source: Annotated[str, meant("The file that was read.")]
@@ -38,14 +39,14 @@ class ImportedCase(Declared):
     case_id: Annotated[str | None, meant("Its case id there; null: no crash.")]
 
 
-class Refused(Declared):
+class Refused(Result):
     """A file that could not be read."""
 
     source: Annotated[str, meant("The file.")]
     why: Annotated[str, meant("What is wrong with it.")]
 
 
-class CasesBrought(Declared):
+class CasesBrought(Result):
     """Facts on the AV in cases that were brought from elsewhere."""
 
     av: Annotated[str, meant('The AV that drove; "recorded": whatever was in its seat.')]
@@ -62,7 +63,7 @@ class ImportedCases(CasesBrought):
     refused: Annotated[tuple[Refused, ...], meant("Files that could not be read.")]
 
 
-class DataFileRead(Declared):
+class DataFileRead(Result):
     """A trajectory file, and what became of its rows."""
 
     file: Annotated[str, meant("Its name, without folders.")]
@@ -77,7 +78,7 @@ class DataFileRead(Declared):
     notes: Annotated[tuple[str, ...], meant("What is odd about it, or had to be taken as given.")]
 
 
-class MomentOfData(Declared):
+class MomentOfData(Result):
     """A critical moment, the case made of it, and what became of the AV in it."""
 
     case: Annotated[str, meant("Name of the case.")]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from cornerforge._schema import Declared, Share, Whole, meant
+from cornerforge._schema import Share, Whole, meant
+from cornerforge.results.html import Result
 from cornerforge.results.rates import Rate, Yield
 
 __all__ = ["Baseline", "Learned", "LearnedPolicy", "Trained", "TrainedAv", "TrainingCurve", "TrainingPoint"]
@@ -16,7 +17,7 @@ AV_FAULTS = meant("Tests of the training that were abandoned because an AV from 
 PRESET = meant('Settings of the training, "fast" or "paper".')
 
 
-class Learned(Declared):
+class Learned(Result):
     """How long a training was."""
 
     decisions: Annotated[Whole, meant("Decisions learnt from, one a second of driving; whole iterations.")]
@@ -43,7 +44,7 @@ class _Training(Learned):
     delay_s: Annotated[float, meant("Time that the AV has to react, for avoidable crashes.", "s")]
 
 
-class _Named(Declared):
+class _Named(Result):
     """Adversary that is measured."""
 
     name: Annotated[str, meant('Such as "swerve" and "swerve, bounded".')]
@@ -72,7 +73,7 @@ class TrainedAv(Rate, Learned):
     out: Annotated[str, meant("File of the AV.")]
 
 
-class TrainingPoint(Declared):
+class TrainingPoint(Result):
     """One point of a training curve, over the tests that ended since the point before.
 
     The tests explore, at random only: tests of guided worlds (`DqnConfig.guided`) are not counted.
@@ -103,7 +104,7 @@ class TrainingPoint(Declared):
     )
 
 
-class TrainingCurve(Declared):
+class TrainingCurve(Result):
     """How an adversary learnt; `training.json` of a run."""
 
     preset: Annotated[str, PRESET]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from cornerforge._schema import Declared, Whole, meant
+from cornerforge._schema import Whole, meant
+from cornerforge.results.html import Result
 from cornerforge.results.rates import Interval
 
 __all__ = [
@@ -44,7 +45,7 @@ _PUBLISHED = meant("Published quantiles (IVBSS), by the same percents.", "as the
 Table = tuple[tuple[tuple[float, ...], ...], ...]
 
 
-class ShownFollowing(Declared):
+class ShownFollowing(Result):
     """Accelerations of a model's drivers behind a leader."""
 
     speed_mps: Annotated[tuple[float, ...], _SPEEDS]
@@ -54,7 +55,7 @@ class ShownFollowing(Declared):
     sd_mps2: Annotated[Table, meant("Standard deviation, by speed, gap and range rate.", "m/s2")]
 
 
-class ShownSupport(Declared):
+class ShownSupport(Result):
     """How many of the 31 accelerations are possible in the states of a model."""
 
     following_possible_min: Annotated[Whole, meant("Fewest in a following state.")]
@@ -68,7 +69,7 @@ class ShownSupport(Declared):
     free_possible_max: Annotated[Whole, meant("Most at a speed of free flow.")]
 
 
-class PublishedFree(Declared):
+class PublishedFree(Result):
     """Published accelerations in free flow at one speed (IVBSS)."""
 
     speed_mps: Annotated[float, meant("The speed.", "m/s")]
@@ -77,7 +78,7 @@ class PublishedFree(Declared):
     mean_mps2: Annotated[tuple[float, float], meant("Ends of the range of the mean.", "m/s2")]
 
 
-class ShownFreeFlow(Declared):
+class ShownFreeFlow(Result):
     """Accelerations of a model's drivers without a leader."""
 
     speed_mps: Annotated[tuple[float, ...], meant("All speeds of the grid.", "m/s")]
@@ -91,7 +92,7 @@ class ShownFreeFlow(Declared):
     ]
 
 
-class ShownLaneChanges(Declared):
+class ShownLaneChanges(Result):
     """How a model's drivers change lanes."""
 
     base_per_decision_and_side: Annotated[
@@ -129,7 +130,7 @@ class ShownLaneChanges(Declared):
     away_again: Annotated[float, meant("Chance to look away in the next second too, 0 to 1.")]
 
 
-class ShownSpeeds(Declared):
+class ShownSpeeds(Result):
     """Speeds at the start."""
 
     mean: Annotated[float, meant("Mean.", "m/s")]
@@ -138,14 +139,14 @@ class ShownSpeeds(Declared):
     published: Annotated[dict[str, float], _PUBLISHED]
 
 
-class ShownQuantiles(Declared):
+class ShownQuantiles(Result):
     """Quantiles of gaps or time gaps at the start."""
 
     quantiles: Annotated[dict[str, float], _QUANTILES]
     published: Annotated[dict[str, float], _PUBLISHED]
 
 
-class ShownInitial(Declared):
+class ShownInitial(Result):
     """Traffic at the start of a test."""
 
     parameters: Annotated[dict[str, float], meant("Parameters of its law, by name.", "as its name says")]
@@ -156,7 +157,7 @@ class ShownInitial(Declared):
     follow_share: Annotated[float, meant("Share of vehicles that follow, 0 to 1.")]
 
 
-class ShownCounts(Declared):
+class ShownCounts(Result):
     """Recorded decisions that a model rests on."""
 
     following_decisions: Annotated[Whole, meant("Decisions counted behind a leader.")]
@@ -172,7 +173,7 @@ class ShownCounts(Declared):
     ]
 
 
-class ShownOrigin(Declared):
+class ShownOrigin(Result):
     """Where a model comes from, as its file says."""
 
     made_by: Annotated[str | None, meant("Program and version; null: not stated.")]
@@ -182,7 +183,7 @@ class ShownOrigin(Declared):
     filled: Annotated[tuple[str, ...], meant("What an import took from another model, in plain words.")]
 
 
-class NddShown(Declared):
+class NddShown(Result):
     """Key numbers of a naturalistic model, read off its tables at grid points."""
 
     model: Annotated[str, meant("File of the model.")]
@@ -201,7 +202,7 @@ class NddShown(Declared):
     figures: Annotated[tuple[str, ...], meant("Files of the figures; none without `--out`; not in `numbers.json`.")]
 
 
-class ImportReport(Declared):
+class ImportReport(Result):
     """Sources of the parts of a naturalistic model that was made of published arrays."""
 
     files: Annotated[
@@ -225,14 +226,14 @@ class NddImported(ImportReport):
     out: Annotated[str, _OUT]
 
 
-class BadRows(Declared):
+class BadRows(Result):
     """Rows of a file that were left out for one reason."""
 
     rows: Annotated[Whole, meant("How many.")]
     first_line: Annotated[Whole, meant("Line of the first, from 1.")]
 
 
-class HeldOutScore(Declared):
+class HeldOutScore(Result):
     """How likely a fit holds the decisions of one file that it has not seen."""
 
     law: Annotated[
@@ -243,7 +244,7 @@ class HeldOutScore(Declared):
     ]
 
 
-class FittedLaneNumber(Declared):
+class FittedLaneNumber(Result):
     """One parameter of lane changes, fitted."""
 
     estimate: Annotated[float, meant("Where the penalised likelihood is greatest.", "`unit`")]
@@ -255,7 +256,7 @@ class FittedLaneNumber(Declared):
     unit: Annotated[str, meant('Unit of these numbers, "" for none.')]
 
 
-class FittedLaneChanges(Declared):
+class FittedLaneChanges(Result):
     """Where the lane changes of a fitted model come from."""
 
     fitted: Annotated[bool, meant("They were fitted to these files; else they are the shipped prior.")]
@@ -274,7 +275,7 @@ class FittedLaneChanges(Declared):
     ]
 
 
-class FittedPart(Declared):
+class FittedPart(Result):
     """Source of a part of a fitted model."""
 
     name: Annotated[str, meant("The part, in words.")]
@@ -282,7 +283,7 @@ class FittedPart(Declared):
     why: Annotated[str, meant("On how many data, or why it stays the prior.")]
 
 
-class FitTraffic(Declared):
+class FitTraffic(Result):
     """How often the traffic of a fit crashes, with the AV `idm-mobil` among it."""
 
     tests: Annotated[Whole, meant("Tests driven.")]
@@ -295,7 +296,7 @@ class FitTraffic(Declared):
     bv_interval95: Annotated[Interval, meant("Its exact interval (Garwood).", "per BV-mile")]
 
 
-class FitVariant(Declared):
+class FitVariant(Result):
     """The same files fitted with one choice changed."""
 
     variant: Annotated[str, meant("What was changed, in words; the fit itself is the first.")]
@@ -311,7 +312,7 @@ class FitVariant(Declared):
     traffic: Annotated[FitTraffic | None, meant("How often its traffic crashes; null: it was not driven.")]
 
 
-class FitReport(Declared):
+class FitReport(Result):
     """Inputs and results of a fit of a naturalistic model."""
 
     rows_read: Annotated[Whole, meant("Rows of all files.")]

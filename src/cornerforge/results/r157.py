@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from cornerforge._schema import Declared, Share, Whole, meant
+from cornerforge._schema import Share, Whole, meant
+from cornerforge.results.html import Result
 
 __all__ = ["Regulated", "RegulatedFamily", "RegulatedPair", "RegulatedRoads"]
 
 _NO_INTERVAL = "A grid is no sample, so there is no interval."
 
 
-class _Verdicts(Declared):
+class _Verdicts(Result):
     """Outcomes of an AV and of the reference drivers in some scenarios."""
 
     scenarios: Annotated[Whole, meant("Scenarios that the AV drove.")]
@@ -26,7 +27,7 @@ class _Verdicts(Declared):
     reference_crashes: Annotated[dict[str, Whole], meant("Crashes of each reference driver in all the scenarios.")]
 
 
-class RegulatedRoads(Declared):
+class RegulatedRoads(Result):
     """How cut-ins of one closing speed lie on real roads, and what becomes of them; by a fit to recorded ones."""
 
     at_least: Annotated[

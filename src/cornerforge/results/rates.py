@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from cornerforge._schema import Declared, Share, Whole, meant
+from cornerforge._schema import Share, Whole, meant
+from cornerforge.results.html import Result
 
 __all__ = ["Counted", "Interval", "Rate", "Yield"]
 
@@ -12,7 +13,7 @@ Interval = tuple[float, float]
 """Low and high of a 95 % interval."""
 
 
-class Counted(Declared):
+class Counted(Result):
     """How often the AV crashes in a test, with what it is counted over."""
 
     tests: Annotated[

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from cornerforge._schema import Declared, Whole, meant
+from cornerforge._schema import Whole, meant
+from cornerforge.results.html import Result
 from cornerforge.results.rates import Interval
 
 __all__ = ["PaperItem", "PaperRow", "Reproduced"]
@@ -17,7 +18,7 @@ _INTERVAL = meant("Our 95 % interval; null: exact, a single timing, or no value.
 _NOTE = meant("What to know for the comparison; may be empty.")
 
 
-class PaperRow(Declared):
+class PaperRow(Result):
     """One number of the paper beside ours."""
 
     what: Annotated[str, _WHAT]
@@ -28,7 +29,7 @@ class PaperRow(Declared):
     note: Annotated[str, _NOTE]
 
 
-class PaperItem(Declared):
+class PaperItem(Result):
     """A figure or table of the paper beside ours, with the number that stands for it."""
 
     id: Annotated[str, meant("Its name for `--figure`.")]
@@ -44,7 +45,7 @@ class PaperItem(Declared):
     seconds: Annotated[float, meant("Wall-clock of its making.", "s")]
 
 
-class Reproduced(Declared):
+class Reproduced(Result):
     """Figures and tables of the paper, ours beside theirs."""
 
     items: Annotated[tuple[PaperItem, ...], meant("The items that were asked for.")]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from cornerforge._schema import Declared, Whole, meant
+from cornerforge._schema import Whole, meant
+from cornerforge.results.html import Result
 from cornerforge.results.rates import Interval
 
 __all__ = ["Compared", "Difference", "Retested", "RetestedCase"]
@@ -14,7 +15,7 @@ _DIFFERENCE = "Crashes of the AV minus crashes of the baseline; above 0: it cras
 _PICKED = "null: the tests were picked because an AV crashed in them, so another one can hardly do worse."
 
 
-class Difference(Declared):
+class Difference(Result):
     """How two AVs differ in the same tests."""
 
     fixed: Annotated[Whole, meant("Tests in which only the baseline crashed.")]
@@ -52,7 +53,7 @@ class Compared(Difference):
     ]
 
 
-class RetestedCase(Declared):
+class RetestedCase(Result):
     """Outcome of one case."""
 
     case: Annotated[str, meant("Case id, or name of the case file.")]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from cornerforge._schema import Declared, Whole, meant
+from cornerforge._schema import Whole, meant
+from cornerforge.results.html import Result
 from cornerforge.results.rates import Interval
 
 __all__ = ["LeftOutAll", "LeftOutAv", "SuiteAv", "SuiteBuilt"]
@@ -12,7 +13,7 @@ __all__ = ["LeftOutAll", "LeftOutAv", "SuiteAv", "SuiteBuilt"]
 _PLACE = "Places among all AVs by crashes per case, suite against all cases; equals share their mean place."
 
 
-class SuiteAv(Declared):
+class SuiteAv(Result):
     """One AV of the zoo."""
 
     av: Annotated[str, meant("The AV.")]
@@ -20,7 +21,7 @@ class SuiteAv(Declared):
     crashes_in_suite: Annotated[float, meant("In the suite, driven again from its files.", "per case")]
 
 
-class LeftOutAv(Declared):
+class LeftOutAv(Result):
     """A suite chosen without one AV, asked about that AV."""
 
     av: Annotated[str, meant("The AV that was left out.")]
@@ -35,7 +36,7 @@ class LeftOutAv(Declared):
     in_order: Annotated[Whole, meant("How many of these are on the same side of it in them.")]
 
 
-class LeftOutAll(Declared):
+class LeftOutAll(Result):
     """All AVs left out one at a time, against random sets of as many cases."""
 
     found: Annotated[float, meant("Share of the AVs that the suite finds.")]
@@ -56,7 +57,7 @@ class LeftOutAll(Declared):
     random_in_order_range95: Annotated[Interval, meant("2.5 to 97.5 % of the random sets.")]
 
 
-class SuiteBuilt(Declared):
+class SuiteBuilt(Result):
     """A suite of cases."""
 
     cases: Annotated[Whole, meant("Cases of the suite.")]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from cornerforge._schema import Declared, Whole, meant
+from cornerforge._schema import Whole, meant
 from cornerforge.results.driving import Distributions
+from cornerforge.results.html import Result
 from cornerforge.results.rates import Interval
 
 __all__ = [
@@ -38,14 +39,14 @@ _CAUTION = meant("With what caution to read it; only where there is reason.")
 _WHEN = meant("Window: seconds after the start.", "s")
 
 
-class BaselineDifference(Declared):
+class BaselineDifference(Result):
     """Log-likelihood of a model minus that of a baseline, decision by decision."""
 
     difference: Annotated[float, meant("Mean; above 0 the model is better.", "nat")]
     interval95: Annotated[Interval, meant("Its 95 % interval, by bootstrap over vehicles.", "nat")]
 
 
-class PartLikelihood(Declared):
+class PartLikelihood(Result):
     """How likely a part of a model holds the decisions of one file."""
 
     decisions: Annotated[Whole, meant("Decisions that were scored.")]
@@ -56,7 +57,7 @@ class PartLikelihood(Declared):
     model_minus: Annotated[dict[str, BaselineDifference], meant("Model minus baseline, by baseline.")]
 
 
-class PartDistance(Declared):
+class PartDistance(Result):
     """How far observed accelerations lie from those that a part of a model predicts."""
 
     decisions: Annotated[Whole, _DECISIONS]
@@ -68,7 +69,7 @@ class PartDistance(Declared):
     kolmogorov_smirnov_interval95: Annotated[Interval, _KS_ENDS]
 
 
-class _Recorded(Declared):
+class _Recorded(Result):
     """A recorded quantity against simulated traffic at the same speeds."""
 
     not_compared: Annotated[str | None, _NOT_COMPARED] = None
@@ -105,7 +106,7 @@ class AcceptedGaps(_Recorded):
     ] = None
 
 
-class TtcShare(Declared):
+class TtcShare(Result):
     """Share of following states with a TTC below some limit."""
 
     recorded: Annotated[float, meant("Recorded, 0 to 1.")]
@@ -113,7 +114,7 @@ class TtcShare(Declared):
     simulated: Annotated[float, meant("Simulated at the same speeds, 0 to 1.")]
 
 
-class RecordedTtc(Declared):
+class RecordedTtc(Result):
     """Shares of recorded following states with a short TTC against simulated traffic at the same speeds."""
 
     not_compared: Annotated[str | None, _NOT_COMPARED] = None
@@ -123,7 +124,7 @@ class RecordedTtc(Declared):
     caution: Annotated[str | None, _CAUTION] = None
 
 
-class LaneChangeRate(Declared):
+class LaneChangeRate(Result):
     """How often lanes are changed, recorded at all speeds and simulated."""
 
     not_compared: Annotated[str | None, _NOT_COMPARED] = None
@@ -136,7 +137,7 @@ class LaneChangeRate(Declared):
     simulated: Annotated[float | None, meant("Simulated.", "per vehicle-mile")] = None
 
 
-class TrafficDistances(Declared):
+class TrafficDistances(Result):
     """Recorded against predicted accelerations and simulated traffic, by quantity and file."""
 
     acceleration: Annotated[
@@ -157,7 +158,7 @@ class TrafficDistances(Declared):
     accepted_rear_gap: Annotated[dict[str, AcceptedGaps], meant("Accepted gaps behind, by file.")]
 
 
-class OneStepCell(Declared):
+class OneStepCell(Result):
     """Recorded accelerations in like states, and those predicted from these states."""
 
     speed_mps: Annotated[tuple[float, float], meant("Ends of the band of speed.", "m/s")]
@@ -176,7 +177,7 @@ class OneStepCell(Declared):
     predicted: Annotated[tuple[float, ...], meant("Predicted share of each of the 31 accelerations.")]
 
 
-class FactFound(Declared):
+class FactFound(Result):
     """A published fact, and what free-running traffic has of it in one window."""
 
     theme: Annotated[str, meant("The table that it belongs to, a key of `themes`.")]
@@ -200,14 +201,14 @@ class FactFound(Declared):
     miles: Annotated[float | None, meant("Distance counted; only with crashes.", "vehicle-miles")] = None
 
 
-class Theme(Declared):
+class Theme(Result):
     """A table of facts."""
 
     title: Annotated[str, meant("Its heading.")]
     meaning: Annotated[str, meant("What the facts in it mean, in one or two sentences.")]
 
 
-class Curve(Declared):
+class Curve(Result):
     """Distribution of a quantity in bins of one width."""
 
     low: Annotated[float, meant("Lower edge of the first bin.", "`unit`")]
@@ -216,7 +217,7 @@ class Curve(Declared):
     shares: Annotated[tuple[float, ...], meant("Share of each bin.")]
 
 
-class FreeTraffic(Declared):
+class FreeTraffic(Result):
     """Free-running traffic in one window."""
 
     when: Annotated[str, _WHEN]
@@ -227,7 +228,7 @@ class FreeTraffic(Declared):
     curves: Annotated[dict[str, Curve], meant("Distributions for pictures, by quantity.")]
 
 
-class NddValidated(Declared):
+class NddValidated(Result):
     """A naturalistic model against held-out trajectories, and its traffic against published facts."""
 
     model: Annotated[str, meant("File of the model.")]

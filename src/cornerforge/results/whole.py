@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from cornerforge._schema import Declared, Whole, meant
+from cornerforge._schema import Whole, meant
 from cornerforge.results.analysis import Analysed
 from cornerforge.results.driving import Filled, NaturalRate, Simulated
+from cornerforge.results.html import Result
 from cornerforge.results.learning import BOUNDED, BUDGET, Baseline, LearnedPolicy
 from cornerforge.results.rates import Yield
 
@@ -34,20 +35,20 @@ class RunTrained(Yield, LearnedPolicy):
     """The adversary of a run, measured on tests that no training uses."""
 
 
-class Initialised(Declared):
+class Initialised(Result):
     """A folder to start from."""
 
     files: Annotated[tuple[str, ...], meant("The files that were written: the AV, the config, the README.")]
 
 
-class Reported(Declared):
+class Reported(Result):
     """Where a page is."""
 
     report: Annotated[str, meant("The page, one file of HTML.")]
     library: Annotated[str, meant("The library whose cases it shows.")]
 
 
-class FiguredOne(Declared):
+class FiguredOne(Result):
     """A figure for a paper."""
 
     name: Annotated[str, meant("Name of the chart, or the case id.")]
@@ -55,13 +56,13 @@ class FiguredOne(Declared):
     caption: Annotated[str, meant("What it shows.")]
 
 
-class Figured(Declared):
+class Figured(Result):
     """Figures for a paper."""
 
     figures: Annotated[tuple[FiguredOne, ...], meant("The figures, in the order of `--list`.")]
 
 
-class Exported(Declared):
+class Exported(Result):
     """Cases written for other tools."""
 
     cases: Annotated[Whole, meant("How many.")]
@@ -71,7 +72,7 @@ class Exported(Declared):
     seconds: Annotated[float, meant("Wall-clock.", "s")]
 
 
-class SpentOn(Declared):
+class SpentOn(Result):
     """Cost and result of one part of a run for some hours."""
 
     what: Annotated[str, meant("The part, in words.")]
@@ -80,7 +81,7 @@ class SpentOn(Declared):
     came_of_it: Annotated[str, meant("What came of it, in words.")]
 
 
-class Spending(Declared):
+class Spending(Result):
     """How a run for some hours spent its time; all counts were chosen by the clock, and stored when they were."""
 
     hours: Annotated[float, meant("The time that was given.", "h")]
@@ -95,7 +96,7 @@ class Spending(Declared):
     not_found: Annotated[tuple[str, ...], meant("What it could not find out, in words.")]
 
 
-class RunDone(Declared):
+class RunDone(Result):
     """The whole job: what each stage came to."""
 
     out: Annotated[str, meant("Folder of everything.")]
@@ -123,7 +124,7 @@ class RunDone(Declared):
     seconds: Annotated[float, meant("Wall-clock of this call; stages of earlier ones are not in it.", "s")]
 
 
-class Served(Declared):
+class Served(Result):
     """The explorer: where it can be opened, and what it shows."""
 
     url: Annotated[str, meant("Address to open, with the token where one is needed.")]
@@ -135,14 +136,14 @@ class Served(Declared):
     sources: Annotated[tuple[str, ...], meant("Where they come from: natural, adversary or scripted.")]
 
 
-class ExposureMiles(Declared):
+class ExposureMiles(Result):
     """Distances over which exposure was counted."""
 
     nde: Annotated[float, meant("In natural traffic.", "miles")]
     adversary: Annotated[float, meant("With the adversary.", "miles")]
 
 
-class Exposed(Declared):
+class Exposed(Result):
     """One quantity that the AV was exposed to, once a second, in natural traffic and with the adversary."""
 
     label: Annotated[str, meant("What it is, for an axis.")]
@@ -156,7 +157,7 @@ ExposedTo = Literal["bbd_front", "bbd_rear", "ttc_front", "ttc_rear"]
 """What exposure is counted of: the distance to the vehicle ahead and behind, and the time to collision with it."""
 
 
-class Exposure(Declared):
+class Exposure(Result):
     """Exposure of the AV, the paper's Figure 3; `exposure.json` of a run."""
 
     miles: Annotated[ExposureMiles, meant("Distances driven.")]
@@ -165,7 +166,7 @@ class Exposure(Declared):
     ]
 
 
-class Migrated(Declared):
+class Migrated(Result):
     """A library, a run or a file of an earlier version, written anew."""
 
     library: Annotated[str, meant("The new folder or file.")]
@@ -173,14 +174,14 @@ class Migrated(Declared):
     made_by: Annotated[str, meant("Version of cornerforge that drove the cases.")]
 
 
-class DamagedFile(Declared):
+class DamagedFile(Result):
     """A file that is not as it was written, or that holds what cannot be."""
 
     file: Annotated[str, meant("The file.")]
     fault: Annotated[str, meant("What is wrong with it: the column and the row, where they can be told.")]
 
 
-class Verified(Declared):
+class Verified(Result):
     """Files at a place, and whether they are as they were written."""
 
     whole: Annotated[Whole, meant("Files that are as they were written.")]

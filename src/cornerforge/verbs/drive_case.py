@@ -15,6 +15,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._extensions import extension
 from cornerforge._options import verb
 from cornerforge._schema import meant
 from cornerforge.analysis.crash_types import STRIKERS, classify_crashes
@@ -48,7 +49,7 @@ _RUNS = 2
 
 @dataclass(frozen=True, repr=False)
 class DrivenCase:
-    """A case, driven.
+    """A case, driven; a notebook plays it.
 
     Attributes:
         case: Name of the case.
@@ -87,6 +88,10 @@ class DrivenCase:
     def __repr__(self) -> str:
         told = f"case {self.case}, AV {self.av}: {self.words}"
         return f"<{told}; to see it: {self.seen}>" if self.seen else f"<{told}>"
+
+    def _repr_html_(self) -> str:
+        html: str = extension("players").player(self.case, self.scenario)
+        return html
 
 
 class CaseDriver:

@@ -951,5 +951,6 @@
 
   // src/pages/pages.ts
   if (document.getElementById("figures")) startReport();
+  else if (document.getElementById("look")) showFirst(pageData("cases"));
   else startComparison();
 })();
