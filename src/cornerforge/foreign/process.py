@@ -199,6 +199,8 @@ class AvProcess:
         Raises:
             InputError: It cannot run as it is to.
         """
+        if not hasattr(os, "killpg"):
+            raise InputError("An AV from outside runs in a process group of its own, which this system does not have.")
         mark = secrets.token_hex(8)
         ours, theirs = socket.socketpair()
         line, keepers = socket.socketpair()
