@@ -11,7 +11,7 @@ TOP = "modules beside the folders"
 BUDGETS = {
     "adversary": 3_790, "analysis": 5_470, "cli": 1_220, "counterfactual": 1_590, "drivers": 1_670, "envs": 30,
     "experiment": 1_270, "ext": 25_050, "foreign": 4_900, "library": 3_550, "metrics": 720,
-    "ndd": 800, "rates": 4_770, "report": 3_170, "results": 2_600, "road": 240, "sim": 7_740, "verbs": 5_840,
+    "ndd": 800, "rates": 4_780, "report": 3_170, "results": 2_600, "road": 240, "sim": 7_740, "verbs": 5_840,
     "work": 770, TOP: 5_110,
 }  # fmt: skip
 LONGEST = 640
