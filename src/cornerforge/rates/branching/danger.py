@@ -197,23 +197,34 @@ def look_at(
     seen[28] = 1.0 / (1.0 + max(soon - (_AV_BRAKES if sign < 0.0 else 0.0), 0.0) * 0.3)
 
 
+@inlined_kernel
+def _add_layer(values: NDArray[np.float32], weights: NDArray[np.float32], sums: NDArray[np.float32]) -> None:
+    """Add what values give with their rows of weights to `sums`, and cut the sums off at 0.
+
+    Four rows at a time: a sum is then loaded and stored a quarter as often, which takes most of the time.
+    """
+    rows = weights.shape[0]
+    fours = rows - rows % 4
+    for i in range(0, fours, 4):
+        a, b, c, d = values[i], values[i + 1], values[i + 2], values[i + 3]
+        for o in range(WIDTH):
+            sums[o] += a * weights[i, o] + b * weights[i + 1, o] + c * weights[i + 2, o] + d * weights[i + 3, o]
+    for i in range(fours, rows):
+        for o in range(WIDTH):
+            sums[o] += values[i] * weights[i, o]
+    for o in range(WIDTH):
+        sums[o] = max(sums[o], np.float32(0.0))
+
+
 @kernel
 def danger(network: Network, seen: NDArray[np.float32], layers: NDArray[np.float32]) -> float:
     """Compute the danger of what is seen, above 0 and at most 1; `layers`: scratch, float32 (2, WIDTH)."""
     for o in range(WIDTH):
         layers[0, o] = network.first_bias[o]
         layers[1, o] = network.second_bias[o]
-    for i in range(N_SEEN):
-        x = seen[i]
-        for o in range(WIDTH):
-            layers[0, o] += x * network.first[i, o]
-    for i in range(WIDTH):
-        x = layers[0, i]
-        if x > 0.0:
-            for o in range(WIDTH):
-                layers[1, o] += x * network.second[i, o]
+    _add_layer(seen, network.first, layers[0])
+    _add_layer(layers[0], network.second, layers[1])
     total = np.float64(network.last[WIDTH])
     for i in range(WIDTH):
-        if layers[1, i] > 0.0:
-            total += layers[1, i] * network.last[i]
+        total += layers[1, i] * network.last[i]
     return exp(min(max(total, -40.0), 0.0))
