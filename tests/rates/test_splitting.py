@@ -145,7 +145,7 @@ def test_no_crash_leaves_the_bound_of_the_plain_tests(monkeypatch: pytest.Monkey
     """Nobody is reckless here, and nothing is learned or explored."""
     teaching = importlib.import_module("cornerforge.rates.teaching")
     monkeypatch.setattr(teaching, "_EXPLORE_LATER", 0.0)
-    monkeypatch.setattr(teaching, "shipped_network", lambda _: (danger.untaught(1e-6), True))
+    monkeypatch.setattr(teaching, "shipped_network", lambda: danger.untaught(1e-6))
     found = cornerforge.rate(method="splitting", max_tests=5_000, seed=1)
     assert (found.state, found.crashes_per_test, found.crash_types["sideswipe"]) == ("no crash", 0.0, 0)
     assert (found.interval95, found.tests) == (binomial_interval(0, 4_000), 4_000)

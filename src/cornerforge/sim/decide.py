@@ -254,7 +254,7 @@ def _all_naturalistic(w: World, controlled_action: int, setting: Setting, s: Scr
     changes = 0
     blocks(s.words, state.seed, state.test, moment_of(w), state.n_vehicles, PURPOSE_DECIDE)
     if s.steering.on[0]:
-        steer(s.words, s.steering, state.n_vehicles)
+        steer(s.words, s.steering, state.n_vehicles, v, tables.memory)
     for lane in range(road.n_lanes):
         s.front[lane] = NO_VEHICLE
     for rank in range(state.n_vehicles - 1, -1, -1):

@@ -1,9 +1,9 @@
 """Acts of BVs near the AV that would endanger it in the coming second, how likely, and how dangerous each is.
 
-An *act* is a thing that happens or not: a BV begins to change lanes, turns back or goes on in a lane change, or its
-driver looks away. Its chance is that with which `decide_bvs` draws it, an exact count of random words (`sim.steering`).
-Acts of one random word form a *group*, of which at most one happens; the other words are the group's rest. Groups are
-independent of each other.
+An *act* is a thing that happens or not: a BV begins to change lanes, turns back or goes on in a lane change, its driver
+looks away, or the AV's follower brakes less than most would. Its chance is that with which `decide_bvs` draws it, an
+exact count of random words (`sim.steering`). Acts of one random word form a *group*, of which at most one happens; the
+other words are the group's rest. Groups are independent of each other.
 
 Nothing here changes how a vehicle drives. `splitting` and `tilt` use it to find out where copies of a world are worth
 driving.
@@ -38,18 +38,18 @@ if TYPE_CHECKING:
     from cornerforge.sim import Setting, World
 
 __all__ = [
-    "BEGINS", "GOES_ON", "LOOKS_AWAY", "MOST_ACTS", "TURNS_BACK", "TWO", "Survey", "allocate_survey", "begins_ahead",
-    "chance_of", "intent_now", "intent_of", "last_of", "list_acts", "list_pairs", "look_around",
+    "BEGINS", "BRAKES_LESS", "GOES_ON", "LOOKS_AWAY", "MOST_ACTS", "TURNS_BACK", "TWO", "Survey", "allocate_survey",
+    "begins_ahead", "chance_of", "intent_now", "intent_of", "last_of", "list_acts", "list_pairs", "look_around",
 ]  # fmt: skip
 
-LOOKS_AWAY, BEGINS, TURNS_BACK, GOES_ON, TWO = range(1, 6)
+LOOKS_AWAY, BEGINS, TURNS_BACK, GOES_ON, BRAKES_LESS, TWO = range(1, 7)
 """Kinds of acts. TWO stands for two acts in one second."""
 MOST_NEAR = 40
 """Largest number of BVs near the AV that are looked at; further ones are left to chance."""
 MOST_ACTS = 60
 """Largest number of acts listed in one second; further ones are left to chance."""
 _PER_WORD = 1.0 / steering.ALL_WORDS
-_ACTS_OF_ONE = 3
+_ACTS_OF_ONE = 5
 _PAIRS_RISE = 2.0
 _NEAR_BEHIND = 2.0  # 40 m, as `danger.look_at` writes gaps
 
@@ -87,10 +87,10 @@ ACT = np.dtype(
         ("danger", "f8"),
     ]
 )
-"""An act. slot, near: of which BV, and its place in `Survey.near`; word: LANE or AWAY; first, count: the random words
-with which it happens; is_last: 1 for the last act of its group, which has rest_first and rest_count, the words with
-which none of the group happens; lane, left: target lane and rest of the lane change [s] once it is known that it
-happens; danger: of all BVs together then."""
+"""An act. slot, near: of which BV, and its place in `Survey.near`; word: LANE, AWAY or ACCELERATION; first, count: the
+random words, or their places, with which it happens; is_last: 1 for the last act of its group, which has rest_first
+and rest_count, those with which none of the group happens; lane, left: target lane and rest of the lane change [s] once
+it is known that it happens; danger: of all BVs together then."""
 
 
 class Choice(NamedTuple):
@@ -224,7 +224,7 @@ def look_around(w: World, setting: Setting, network: Network, s: Survey) -> tupl
 @inlined_kernel
 def intent_now(near: Any) -> Intent:
     """Say what is known of a near BV before it decides."""
-    return Intent(near.lane, near.left, 0.0, near.toward)
+    return Intent(near.lane, near.left, 0.0, near.toward, 0.0)
 
 
 @inlined_kernel
@@ -232,8 +232,10 @@ def intent_of(act: Any, s: Survey) -> Intent:
     """Say what is known of a BV once it is known that an act of its happens."""
     if act.kind == LOOKS_AWAY:
         near = s.near[act.near]
-        return Intent(act.lane, act.left, 1.0, near.toward if near.left > 0.0 else 0.0)
-    return Intent(act.lane, act.left, 0.0 if act.kind == GOES_ON else -1.0, 1.0)
+        return Intent(act.lane, act.left, 1.0, near.toward if near.left > 0.0 else 0.0, 0.0)
+    if act.kind == BRAKES_LESS:
+        return Intent(act.lane, act.left, 0.0, s.near[act.near].toward, 1.0 if act.first == 0 else 0.5)
+    return Intent(act.lane, act.left, 0.0 if act.kind == GOES_ON else -1.0, 1.0, 0.0)
 
 
 @inlined_kernel
@@ -291,7 +293,7 @@ def _add_act(
 def _is_pair(w: World, front: Any, rear: Any) -> bool:
     """Does `front` bring a BV in ahead of the AV, and make what `rear`, of another BV behind the AV, does dangerous?
 
-    That one begins a change into the AV's lanes, or its driver, in the AV's lanes or coming there, looks away.
+    That one begins a change into the AV's lanes or, in the AV's lanes or coming there, looks away or brakes less.
     """
     v = w.vehicles
     if (
@@ -301,7 +303,8 @@ def _is_pair(w: World, front: Any, rear: Any) -> bool:
         or not begins_ahead(w, front)
     ):
         return False
-    comes: bool = (rear.kind == BEGINS or rear.kind == LOOKS_AWAY) and (1 << rear.lane) & v[0].lanes != 0
+    minds = rear.kind == BEGINS or rear.kind == LOOKS_AWAY or rear.kind == BRAKES_LESS
+    comes: bool = minds and (1 << rear.lane) & v[0].lanes != 0
     return comes
 
 
@@ -340,6 +343,30 @@ def _close_group(s: Survey, first: int, count: int) -> None:
     s.n_acts[0] += 1
 
 
+@inlined_kernel
+def _list_high(
+    w: World, n: int, total: float, least: float, ahead: Ahead, setting: Setting, network: Network, s: Survey
+) -> None:
+    """List that near BV `n` accelerates very high, and high, in what it may choose; with the second the first."""
+    near = s.near[n]
+    follower = w.vehicles[near.slot]
+    begun, listed, first, rest = s.n_acts[0], -1, 0, 0
+    for ring in range(2):
+        end = steering.places_up_to(ring, follower.quantile, follower.habit, setting.tables.memory)
+        if not first < end < steering.ALL_WORDS:
+            break
+        choice = Choice(n, BRAKES_LESS, steering.ACCELERATION, first, end - first, near.lane, near.left)
+        _add_act(w, choice, total, ahead, setting, network, s)
+        if _is_listed(w, least, ahead, setting, network, s):
+            listed, rest = ring, end
+        s.n_acts[0] += 1
+        first = end
+    s.n_acts[0] = begun
+    if listed >= 0:
+        s.n_acts[0] += listed
+        _close_group(s, rest, steering.ALL_WORDS - rest)
+
+
 @kernel
 def list_acts(
     w: World, total: float, least: float, ahead: Ahead, setting: Setting, network: Network, s: Survey
@@ -368,6 +395,8 @@ def list_acts(
             soon += _add_act(w, choice, total, ahead, setting, network, s)
             if _is_listed(w, least, ahead, setting, network, s):
                 _close_group(s, away, steering.ALL_WORDS - away)
+        if n == s.follower[0]:
+            _list_high(w, n, total, least, ahead, setting, network, s)
         if near.left == 0.0 and near.high < steering.ALL_WORDS:
             left_listed = False
             if near.low > 0:

@@ -34,14 +34,14 @@ __all__ = [
     "untaught",
 ]
 
-N_SEEN = 29
-"""Numbers that are seen of a BV and the AV."""
+N_SEEN = 32
+"""Numbers that are seen of a BV and the AV; a multiple of 4, as WIDTH."""
 WIDTH = 24
 """Width of both hidden layers."""
 REACH = 90.0
 """BVs further from the AV than this are not looked at [m, centre to centre]."""
 _LEAST_CHANCE = 1e-9
-_SOON, _AV_BRAKES, _AV_BRAKES_MOST = 2.5, 6.0, 4.0
+_SOON, _NEXT, _AV_BRAKES, _AV_BRAKES_MOST = 2.5, 1.0, 6.0, 4.0
 
 
 class Network(NamedTuple):
@@ -81,12 +81,14 @@ class Intent(NamedTuple):
         left: How long its lane change still lasts [s], 0 for none.
         away: 1 its driver looks away, -1 it does not, 0 not known.
         toward: Chance that it begins a change towards the AV, 0 where that is decided.
+        high: 1 its acceleration is very high of those it may choose, 0.5 high, 0 not known.
     """
 
     lane: int
     left: float
     away: float
     toward: float
+    high: float
 
 
 class Ahead(NamedTuple):
@@ -194,7 +196,11 @@ def look_at(
     seen[25] = slows * 0.25
     seen[26] = min(max(left, -10.0), 60.0) * 0.05
     seen[27] = 1.0 / (1.0 + max(left, 0.0) * 0.3)
-    seen[28] = 1.0 / (1.0 + max(soon - (_AV_BRAKES if sign < 0.0 else 0.0), 0.0) * 0.3)
+    faster = sign * (v[0].acceleration - v[i].acceleration)
+    seen[28] = intent.high
+    seen[29] = 1.0 / (1.0 + max(gap - _NEXT * (closing + 0.5 * _NEXT * faster), 0.0) * 0.3)
+    seen[30] = _braking(gap, closing + _NEXT * faster) * 0.2
+    seen[31] = 1.0 / (1.0 + max(soon - (_AV_BRAKES if sign < 0.0 else 0.0), 0.0) * 0.3)
 
 
 @inlined_kernel
@@ -203,15 +209,10 @@ def _add_layer(values: NDArray[np.float32], weights: NDArray[np.float32], sums: 
 
     Four rows at a time: a sum is then loaded and stored a quarter as often, which takes most of the time.
     """
-    rows = weights.shape[0]
-    fours = rows - rows % 4
-    for i in range(0, fours, 4):
+    for i in range(0, weights.shape[0], 4):
         a, b, c, d = values[i], values[i + 1], values[i + 2], values[i + 3]
         for o in range(WIDTH):
             sums[o] += a * weights[i, o] + b * weights[i + 1, o] + c * weights[i + 2, o] + d * weights[i + 3, o]
-    for i in range(fours, rows):
-        for o in range(WIDTH):
-            sums[o] += values[i] * weights[i, o]
     for o in range(WIDTH):
         sums[o] = max(sums[o], np.float32(0.0))
 

@@ -212,8 +212,8 @@ def allocate_pool(depth: int, slots: int, decisions: int, places: int = 1) -> Po
         waits=np.zeros(rows, dtype=np.int64),
         steering=steering.Steering(
             np.zeros((rows, 1), dtype=np.int64),
-            np.zeros((rows, 2, slots), dtype=np.uint64),
-            np.zeros((rows, 2, slots), dtype=np.uint64),
+            np.zeros((rows, steering.N_STEERED, slots), dtype=np.uint64),
+            np.zeros((rows, steering.N_STEERED, slots), dtype=np.uint64),
         ),
         memory=np.zeros(rows, dtype=np.int64),
         top=np.zeros(places, dtype=np.int64),

@@ -100,7 +100,7 @@ def _take_over(source: steering.Steering, held: steering.Steering, slots: int) -
     """Hold the first `slots` slots to what `source` holds them to."""
     held.on[0] = source.on[0]
     if source.on[0]:
-        for what in range(2):
+        for what in range(steering.N_STEERED):
             for i in range(slots):
                 held.first[what, i] = source.first[what, i]
                 held.words[what, i] = source.words[what, i]
