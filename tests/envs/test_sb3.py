@@ -12,6 +12,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from sb3_contrib import MaskablePPO
 from stable_baselines3 import DQN, PPO, SAC
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
@@ -101,7 +102,7 @@ def test_the_policy_file_drives(small_dqn: DQN, tmp_path: Path) -> None:
 def test_a_policy_gradient_acts_by_the_same_probabilities(name: str, tmp_path: Path, seed: int) -> None:
     """On 1,000 observations of tests that random allowed actions drove."""
     masks = name == "MaskablePPO"
-    learner = pytest.importorskip("sb3_contrib").MaskablePPO if masks else PPO
+    learner: Any = MaskablePPO if masks else PPO
     env = gymnasium.make(ADVERSARY_ID, bounded=True)
     network = {"activation_fn": torch.nn.ReLU, "net_arch": [48, 48]}
     model = learner("MlpPolicy", env, n_steps=256, learning_rate=1e-2, policy_kwargs=network, seed=1, device="cpu")
