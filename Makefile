@@ -44,7 +44,7 @@ DANGER := src/cornerforge/rates/danger.npz
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup environments web demo test test-full kernels ledger test-slow fuzz kill test-browser test-interchange check format audit licences docs notebooks wheel lowest bench model rl-av danger golden clean-cache clean
+.PHONY: help setup environments web demo gallery test test-full kernels ledger test-slow fuzz kill test-browser test-interchange check format audit licences docs notebooks wheel lowest bench model rl-av danger golden clean-cache clean
 
 help: ## list the targets (this)
 	@awk -F ':.*## ' '/^[a-z][a-z-]*:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -63,6 +63,9 @@ demo: $(RUN) ## find, sort and report corner cases of a built-in AV, and of one 
 	@$(BIN)/cornerforge rate --av flawed-not-behind --out $(OUT)-flawed --resume
 	@$(BIN)/cornerforge report $(OUT)-flawed --out $(OUT)-flawed/page
 	@echo "The reports (open them in a browser): $(OUT)/report.html, and of an AV with a flaw $(OUT)-flawed/page/report.html"
+
+gallery: $(BROWSER) $(WEB) demo ## make the pictures of README and docs, and a gallery of twelve filmed cases: docs/gallery.md
+	@$(BIN)/python supply/gallery.py --demo $(OUT)
 
 test: kernels ## run the default tests and the examples in docstrings, within minutes: offline, on the CPU, on all cores
 	@$(BIN)/python -m pytest -q -n auto --dist loadfile --durations 10

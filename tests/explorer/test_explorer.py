@@ -318,12 +318,17 @@ def two(value: float) -> str:
 
 
 def test_the_first_card_is_the_most_frequent_that_a_careful_driver_prevents(exhibit: Exhibit) -> None:
-    table = exhibit.table.table.to_pydict()
+    """The judges call every second case one that a careful driver prevents; of these cases, they call none so."""
+    seen = exhibit.table.table
+    words = pa.array([CAREFULLY[row % 2] if row % 4 < 2 else "nobody" for row in range(seen.num_rows)])
+    place = seen.column_names.index("prevention")
+    changed = seen.set_column(place, "prevention", words.dictionary_encode())
+    table = changed.to_pydict()
     natural = [row for row in range(30) if table["prevention"][row] in CAREFULLY]
     kinds = [table["crash_type"][row] for row in natural]  # these natural cases have no mechanism
     most = max(set(kinds), key=kinds.count)
     rows = [row for row, kind in zip(natural, kinds, strict=True) if kind == most]
-    first = exhibit.about()["start"][0]
+    first = cards(list(exhibit._state.sources.values()), dataclasses.replace(exhibit.table, table=changed))[0]
     both = "|".join(CAREFULLY)
     assert first["filters"] == {"f.source": "natural", "f.crash_type": most, "f.prevention": both}
     assert first["case"] in {f"natural/{table['case_id'][row]}" for row in rows}
@@ -361,3 +366,11 @@ def test_crashes_of_trees_are_natural_ones(small_trees: None, tmp_path: Path) ->
     assert (source.name, source.natural, source.cases.scripted) == ("natural", True, True)
     assert source.weights is not None
     assert 0.0 < sum(source.weights.values()) < 1e-3
+
+
+def test_every_column_has_words_of_its_own(exhibit: Exhibit) -> None:
+    """FINDINGS 4.17: "least TTC cc human", "blame axis" and "relative lon" stood in the list of columns."""
+    labels = {one["name"]: one["label"] for one in exhibit.about()["columns"]}
+    assert len(set(labels.values())) == len(labels) > 60
+    raw = {name for name, label in labels.items() if label == name.replace("_", " ")}
+    assert raw <= {"cluster", "policy", "seed", "test", "value", "physically_plausible"}

@@ -1,0 +1,191 @@
+"""Pictures of README and docs, and a gallery: twelve cases of three AVs, filmed.
+
+    .venv/bin/python supply/gallery.py --demo out/demo
+
+Fills out/gallery with libraries and their analyses (what is there already stays), and writes films, three stills,
+docs/gallery.md, and pictures of the pages of the demo. `docs/gallery/made.json` says of which version and traffic all
+are.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from imageio_ffmpeg import get_ffmpeg_exe
+
+import cornerforge
+from cornerforge.analysis.mechanism import mechanism_of
+from cornerforge.library import CaseLibrary
+from cornerforge.ndd.model import default_model_path, load_model, model_hash
+from cornerforge.report.kinds import kind_in_words
+from cornerforge.report.text import capital
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE, PLACE = ROOT / "docs" / "gallery.md", ROOT / "docs" / "gallery"
+AVS = {
+    "idm-mobil": ("a good driver", 2),
+    "flawed-brakes-late": ("brakes late, on purpose", 1),
+    "flawed-not-behind": ("does not look behind when it changes lanes, on purpose", 1),
+}
+"""AV -> what it is, and how many cases of each origin are shown."""
+ORIGINS = {
+    "natural": "Natural traffic: nobody attacks.",
+    "bounded": "A bounded adversary: it steers one vehicle within what drivers do, with a budget of 20 nats.",
+    "free": "A free adversary: it steers one vehicle as physics allows.",
+}
+PORT = 8158
+DECISIONS, CASES, NATURAL_TESTS, TREES = 600_000, 300, 4_000, 500_000
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A case of the gallery."""
+
+    av: str
+    origin: str
+    library: Path
+    case_id: str
+    title: str
+    text: str
+
+    @property
+    def film(self) -> str:
+        """Name the file of its film."""
+        return f"{self.av}-{self.origin}-{self.case_id.partition(':')[2]}.webm"
+
+
+def library_of(av: str, origin: str, folder: Path) -> Path:
+    """Fill the library of an AV and an origin, unless it is there."""
+    place = folder / av / origin
+    if origin == "natural" and av == "idm-mobil":  # it crashes too rarely to be counted
+        if not (place / "rate.json").exists():
+            cornerforge.rate(av=av, out=place, method="splitting", max_tests=TREES, resume=True)
+        return place / "weighted"
+    if origin == "natural":
+        if not place.exists():
+            cornerforge.simulate(av=av, tests=NATURAL_TESTS, out=place)
+        return place
+    policy = folder / av / f"{origin}.safetensors"
+    if not policy.exists():
+        budget = 20.0 if origin == "bounded" else None
+        cornerforge.train(av=av, decisions=DECISIONS, budget=budget, tests=256, out=policy)
+    if not place.exists():
+        cornerforge.generate(av=av, policy=policy, cases=CASES, out=place)
+    return place
+
+
+def chosen(av: str, origin: str, library: Path, before: set[str]) -> list[Shown]:
+    """Choose the cases of most value, of different kinds, and none of tests that were shown before."""
+    analysis = library.with_name(f"{library.name}-analysis")
+    if not analysis.exists():
+        cornerforge.analyse(library, out=analysis)
+    top = json.loads((analysis / "analysis.json").read_text(encoding="utf-8"))["value"]["top"]
+    cases, found = CaseLibrary.open(library), dict[str, Shown]()
+    for one in top:
+        if one["case_id"] in before:
+            continue
+        kind = mechanism_of(cases.scenario(one["case_id"]).scenario).name
+        found.setdefault(kind, Shown(av, origin, library, one["case_id"], capital(kind_in_words(kind)), one["text"]))
+    return list(found.values())[: AVS[av][1]]
+
+
+def card(shown: Shown, folder: Path) -> str:
+    """Write a case as a part of the page."""
+    place = shown.library.relative_to(folder.parent.parent)
+    key = "natural" if shown.origin == "natural" else "adversary"
+    return f"""### {shown.title}
+
+<video controls muted loop preload="metadata" width="100%" src="gallery/{shown.film}#t=3"></video>
+
+`{shown.av}`, {AVS[shown.av][0]}. {shown.text[0].upper()}{shown.text[1:]}.
+
+[Open it in the explorer](http://127.0.0.1:8157/#case={key}/{shown.case_id}) while `cornerforge serve {place}` runs.
+"""
+
+
+def encode(*words: str) -> None:
+    """Call ffmpeg."""
+    subprocess.run([get_ffmpeg_exe(), "-loglevel", "error", *words], check=True)
+
+
+def write_still(shown: Shown, path: Path) -> None:
+    """Take the last picture of a film."""
+    encode("-sseof", "-0.2", "-i", str(PLACE / shown.film), "-frames:v", "1", "-vf", "scale=640:-2", "-y", str(path))
+
+
+def write_film(shown: Shown, path: Path) -> None:
+    """Film a case, in a size for the docs."""
+    with tempfile.TemporaryDirectory() as place:
+        large = Path(place) / "large.mp4"
+        cornerforge.replay(shown.library, shown.case_id, video=large)
+        smaller = ["-vf", "scale=960:-2", "-c:v", "libvpx-vp9", "-crf", "42", "-b:v", "0", "-cpu-used", "4"]
+        exact = ["-map_metadata", "-1", "-fflags", "+bitexact", "-flags:v", "+bitexact"]
+        encode("-i", str(large), *exact, *smaller, "-row-mt", "1", "-r", "20", "-y", str(path))
+
+
+def write_screens(demo: Path) -> None:
+    """Take pictures of the report and of the explorer of a run."""
+    from playwright.sync_api import sync_playwright
+
+    images = ROOT / "docs" / "images"
+    command = [sys.executable, "-m", "cornerforge", "serve", str(demo), "--port", str(PORT), "--quiet"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as server, sync_playwright() as session:
+        assert server.stdout is not None
+        server.stdout.readline()  # it listens
+        browser = session.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1280, "height": 770})
+        for url, name in (
+            ((demo / "report.html").resolve().as_uri(), "report"),
+            (f"http://127.0.0.1:{PORT}/", "explorer"),
+        ):
+            page.goto(url, wait_until="networkidle")
+            page.wait_for_timeout(2_000)
+            page.screenshot(path=images / f"{name}.png")
+        browser.close()
+        server.terminate()
+
+
+def main() -> None:
+    """Make libraries, films, stills, pictures and the page."""
+    options = argparse.ArgumentParser(description="Make the pictures of README and docs, and the gallery.")
+    options.add_argument("--demo", type=Path, default=ROOT / "out" / "demo", help="folder that `make demo` filled")
+    demo, folder = options.parse_args().demo, ROOT / "out" / "gallery"
+    all_shown: list[Shown] = []
+    for av in AVS:
+        for origin in ORIGINS:
+            print(f"{av}, {origin}", file=sys.stderr, flush=True)
+            before = {one.case_id for one in all_shown if one.av == av}
+            all_shown += chosen(av, origin, library_of(av, origin, folder), before)
+    PLACE.mkdir(exist_ok=True)
+    for old in PLACE.iterdir():
+        old.unlink()
+    for shown in all_shown:
+        print(f"film {shown.film}", file=sys.stderr, flush=True)
+        write_film(shown, PLACE / shown.film)
+    for origin in ORIGINS:
+        write_still(next(one for one in all_shown if one.origin == origin), PLACE / f"{origin}.png")
+    parts = [
+        f"## {words.partition(':')[0]}\n\n{words}\n\n"
+        + "\n".join(card(one, folder) for one in all_shown if one.origin == origin)
+        for origin, words in ORIGINS.items()
+    ]
+    PAGE.write_text(
+        "# Gallery\n\nTwelve cases of three AVs, chosen by the program: of each library the cases of most value, of "
+        "different kinds. The films are in real time and to scale, and stand at the contact. `make gallery` makes "
+        "the libraries, the films and this page.\n\n" + "\n".join(parts),
+        encoding="utf-8",
+    )
+    write_screens(demo)
+    made = {"version": cornerforge.__version__, "traffic": model_hash(load_model(default_model_path()))}
+    (PLACE / "made.json").write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
