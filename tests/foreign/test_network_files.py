@@ -147,7 +147,7 @@ def test_a_network_of_driving_v0_sees_what_it_saw_there(tmp_path: Path, *, scale
     sb3 = pytest.importorskip("stable_baselines3")
     import gymnasium
 
-    env = gymnasium.make("cornerforge.envs:cornerforge/Driving-v0", scaled=scaled)
+    env: Any = gymnasium.make("cornerforge.envs:cornerforge/Driving-v0", scaled=scaled)
     env = gymnasium.wrappers.FlattenObservation(env) if flat else env
     model = sb3.PPO("MlpPolicy", env, seed=1, device="cpu")
     model.save(tmp_path / "net.zip")
