@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from cornerforge.ndd.model import NddModel
 
 pytest_plugins = ["made_once"]
+collect_ignore = ["without_posix"]
+"""Imported, it takes from Python what only POSIX has; `test_without_posix.py` gives it to processes of its own."""
 GOLDEN = Path(__file__).parent / "golden"
 FIXED_SEED = 20_210_206
 

@@ -172,7 +172,7 @@ def budgeted(tmp_path: Path) -> Path:
 
 def test_driving_single_and_vector(budgeted: Path) -> None:
     expected = bulk_by_motion(BVS["policy with a budget"]("rl"))
-    env: Any = gymnasium.make("cornerforge/Driving-v0", bv=str(budgeted))
+    env: Any = gymnasium.make("cornerforge/Driving-v0", bv=str(budgeted), scaled=False)
     for test in range(4):
         twin = TwinOfMany(BVS["natural"]("rl").odd, 1)
         seen, _ = env.reset(seed=SEED, options={"test": test})
@@ -181,7 +181,7 @@ def test_driving_single_and_vector(budgeted: Path) -> None:
             seen, _, ended, cut, info = env.step(twin.action(0, seen))
             over = ended or cut
         assert round(info["time_s"] * 10) == expected.frame[test]
-    vector: Any = DrivingVectorEnv(TESTS, bv=str(budgeted), autoreset_mode="Disabled")
+    vector: Any = DrivingVectorEnv(TESTS, bv=str(budgeted), scaled=False, autoreset_mode="Disabled")
     views, _ = vector.reset(seed=[SEED] * TESTS, options={"test": list(range(TESTS))})
     twins = TwinOfMany(BVS["natural"]("rl").odd, TESTS)
     frames = np.zeros(TESTS, dtype=np.int64)
