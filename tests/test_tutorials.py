@@ -66,7 +66,7 @@ def test_the_first_run_is_as_its_page_says(
         return str(found["value"]["top"][0]["case_id"])
 
     smaller: Smaller = {
-        "--decisions 1000000": "--decisions 20000 --tests 512", "--cases 500": "--cases 40", "0:151": the_first_case,
+        "--decisions 1000000": "--decisions 200000 --tests 512", "--cases 500": "--cases 40", "0:151": the_first_case,
     }  # fmt: skip
     done = walk(FIRST_RUN, tmp_path, smaller, LOOSE, monkeypatch, capsys)
     assert {status for status, _ in done.values()} == {0}
