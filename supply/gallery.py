@@ -69,22 +69,20 @@ def library_of(av: str, origin: str, folder: Path) -> Path:
             cornerforge.rate(av=av, out=place, method="splitting", max_tests=TREES, resume=True)
         return place / "weighted"
     if origin == "natural":
-        if not place.exists():
-            cornerforge.simulate(av=av, tests=NATURAL_TESTS, out=place)
+        cornerforge.simulate(av=av, tests=NATURAL_TESTS, out=place, resume=True)
         return place
     policy = folder / av / f"{origin}.safetensors"
     if not policy.exists():
         budget = 20.0 if origin == "bounded" else None
         cornerforge.train(av=av, decisions=DECISIONS, budget=budget, tests=256, out=policy)
-    if not place.exists():
-        cornerforge.generate(av=av, policy=policy, cases=CASES, out=place)
+    cornerforge.generate(av=av, policy=policy, cases=CASES, out=place, resume=True)
     return place
 
 
 def chosen(av: str, origin: str, library: Path, before: set[str]) -> list[Shown]:
     """Choose the cases of most value, of different kinds, and none of tests that were shown before."""
     analysis = library.with_name(f"{library.name}-analysis")
-    if not analysis.exists():
+    if not (analysis / "analysis.json").exists():
         cornerforge.analyse(library, out=analysis)
     top = json.loads((analysis / "analysis.json").read_text(encoding="utf-8"))["value"]["top"]
     cases, found = CaseLibrary.open(library), dict[str, Shown]()
@@ -96,9 +94,9 @@ def chosen(av: str, origin: str, library: Path, before: set[str]) -> list[Shown]
     return list(found.values())[: AVS[av][1]]
 
 
-def card(shown: Shown, folder: Path) -> str:
+def card(shown: Shown) -> str:
     """Write a case as a part of the page."""
-    place = shown.library.relative_to(folder.parent.parent)
+    place = shown.library.relative_to(ROOT)
     key = "natural" if shown.origin == "natural" else "adversary"
     return f"""### {shown.title}
 
@@ -173,7 +171,7 @@ def main() -> None:
         write_still(next(one for one in all_shown if one.origin == origin), PLACE / f"{origin}.png")
     parts = [
         f"## {words.partition(':')[0]}\n\n{words}\n\n"
-        + "\n".join(card(one, folder) for one in all_shown if one.origin == origin)
+        + "\n".join(card(one) for one in all_shown if one.origin == origin)
         for origin, words in ORIGINS.items()
     ]
     PAGE.write_text(

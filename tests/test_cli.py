@@ -562,19 +562,29 @@ def test_lines_say_time_part_and_name(capsys: Capture, monkeypatch: pytest.Monke
     bars = Bars(quiet=False, lines=True)
     now = 2.0
     bars.begin_part(3, 7, "training")
+    now = 3.0
+    bars.tell()  # too early
     for moment, done in ((4.0, 0.0), (40.0, 1.0), (62.0, 2.5), (100.0, 5.0), (122.0, 5.0)):
         now = moment
         bars(f"train ({done})", done, 10.0)
+    now = 183.0
+    bars.tell()  # nothing was reported since
     now = 202.0
     bars.begin_part(4, 7, "yield")
     bars("evaluate", 1.0, 10.0)
     now = 218.0
     bars("judge", 1.0, 10.0)
+    bars.begin_part(5, 7, "cases")
+    now = 290.0
+    bars.tell()  # nothing was reported of this stage yet
     bars.stop()
     assert capsys.readouterr().err == (
         "stage 3 of 7: train, 25 % after 60 s, about 3 min left\n"
         "stage 3 of 7: train, 50 % after 2 min, about 2 min left\n"
+        "stage 3 of 7: train, 50 % after 3 min, about 3 min left\n"
         "stage 3 of 7: train, 200 s; next: yield\nstage 4 of 7: evaluate, 16 s\n"
+        "stage 4 of 7: judge, 0.0 s; next: cases\n"
+        "stage 5 of 7: cases, after 72 s\n"
     )
 
 

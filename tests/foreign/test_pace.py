@@ -163,6 +163,17 @@ def test_training_worlds_are_shared_by_all_processes(
 # --- nothing of it is in a result ---
 
 
+@pytest.mark.usefixtures("in_memory")
+def test_a_trial_leaves_no_fault_behind(avs: Path) -> None:  # noqa: ARG001
+    """Its tests are those that the work drives, so faults would count twice, or in tests that were not asked for."""
+    run = experiment(av="avs:Raises", bv="swerve", takes_foreign=True)
+    assert run.asked is not None
+    assert run.seconds_of(2, decisions=1e7) > 0.0
+    assert run.asked.pace.slower is not None, "nothing was tried"
+    assert not run.faults
+    assert run.asked._driven == 0
+
+
 def outcomes(run_av: ForeignAv, tests: int) -> Outcomes:
     run = experiment(bv="swerve")
     return run_av(run.setting, run.slots, SEED, 0, tests, False)[0]

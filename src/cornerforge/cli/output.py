@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -51,19 +52,30 @@ class Bars:
         self._bars: RichProgress | None = None
         self._stage = ""
         self._task: TaskID | None = None
-        self._number, self._of = 0, 0
+        self._number, self._of, self._title = 0, 0, ""
+        self._done = self._total = 0.0
         self._begun = self._told = time.monotonic()
+        self._lock, self._over = threading.RLock(), threading.Event()
+        if self._lines:
+            threading.Thread(target=self._tick, daemon=True).start()
+
+    def _tick(self) -> None:
+        """Look every few seconds whether something must be said: work may report nothing for long."""
+        while not self._over.wait(0.1 * _EACH_SECONDS):
+            self.tell()
 
     def begin_part(self, number: int, of: int, name: str) -> None:
         """Take it that the present stage has ended, and that part `number` of `of`, so named, begins."""
         if self._lines:
-            self._end_stage(f"; next: {name}")
-            self._number, self._of = number, of
+            with self._lock:
+                self._end_stage(f"; next: {name}")
+                self._number, self._of, self._title = number, of, name
 
     def _end_stage(self, after: str = "") -> None:
         """Say how long the present stage took, if there is one, and what comes `after`, which begins now."""
         now = time.monotonic()
         took, self._begun, self._told = now - self._begun, now, now
+        self._done = self._total = 0.0
         if not self._stage:
             return
         if not self._of:
@@ -74,31 +86,33 @@ class Bars:
     def _say(self, ahead: int, text: str) -> None:
         """Say something of the stage whose number is `ahead` of the last one."""
         number = f"{self._number + ahead}" + (f" of {self._of}" if self._of else "")
-        typer.echo(f"stage {number}: {self._stage}, {text}", err=True)
+        typer.echo(f"stage {number}: {self._stage or self._title}, {text}", err=True)
 
-    def _say_how_far(self, done: float, total: float) -> None:
+    def tell(self) -> None:
         """Say how far the stage is and how long it will still take, if nothing was said for a minute."""
-        now = time.monotonic()
-        if now - self._told < _EACH_SECONDS:
-            return
-        self._told, spent = now, now - self._begun
-        left = f", about {spoken(spent * (total - done) / done)} left" if 0.0 < done < total else ""
-        share = f"{100.0 * done / total:.0f} % " if total > 0.0 else ""
-        self._say(0 if self._of else 1, f"{share}after {spoken(spent)}{left}")
+        with self._lock:
+            now, done, total = time.monotonic(), self._done, self._total
+            if now - self._told < _EACH_SECONDS or not (self._stage or self._title):
+                return
+            self._told, spent = now, now - self._begun
+            left = f", about {spoken(spent * (total - done) / done)} left" if 0.0 < done < total else ""
+            share = f"{100.0 * done / total:.0f} % " if total > 0.0 else ""
+            self._say(0 if self._of else 1, f"{share}after {spoken(spent)}{left}")
 
     def __call__(self, stage: str, done: float, total: float) -> None:
         """Draw; a new stage gets a new bar, or ends the line of the one before."""
         stage = printable(stage)
         name = stage.partition(" (")[0]  # what stands in brackets may change while a stage lasts
-        if self._lines and name != self._stage:
-            begun = self._stage == ""
-            before = self._begun
-            self._end_stage()
-            if begun:  # what came before the first report belongs to it
-                self._begun = self._told = before
-            self._stage = name
         if self._lines:
-            self._say_how_far(done, total)
+            with self._lock:
+                if name != self._stage:
+                    begun, before, told = self._stage == "", self._begun, self._told
+                    self._end_stage()
+                    if begun:  # what came before the first report belongs to it
+                        self._begun, self._told = before, told
+                    self._stage = name
+                self._done, self._total = done, total
+                self.tell()
         if not self.show:
             return
         from rich.console import Console
@@ -130,6 +144,7 @@ class Bars:
 
     def stop(self, *, finished: bool = False) -> None:
         """Leave the bars as they are; `finished`: the last stage has ended."""
+        self._over.set()
         if self._lines and finished:
             self._end_stage()
         if self._bars is not None:

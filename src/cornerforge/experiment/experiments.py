@@ -247,11 +247,13 @@ class _OutsideExperiment(Experiment):
         if tests >= processes:
             self.warm_up()
             tests = min(tests, 4 * self.outside.batch * processes)
-            for _ in runner.simulate_chunks(
-                self.setting, self.slots, seed=self.outside.seed, first=0, tests=tests, threads=processes,
-                counting=False, chunk=-(-tests // processes), drive=self.drive,
-            ):  # fmt: skip
-                pass
+            with self.outside.on_trial():
+                for _ in runner.simulate_chunks(
+                    self.setting, self.slots, seed=self.outside.seed, first=0, tests=tests, threads=processes,
+                    counting=False, chunk=-(-tests // processes), drive=self.drive,
+                ):  # fmt: skip
+                    pass
+            self.outside.pace.slower = self.outside.pace.slower or 1.0  # an AV that failed is not tried again
 
     def pace_text(self, threads: int | None) -> str:
         av, n = self.outside, self.processes(threads)

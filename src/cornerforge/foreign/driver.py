@@ -8,7 +8,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import Any
 
@@ -272,6 +272,20 @@ class ForeignAv:
         """Note that so many more tests were driven."""
         with self._lock:
             self._driven += tests
+
+    @contextmanager
+    def on_trial(self) -> Iterator[None]:
+        """Let tests of the block count for the pace alone: its faults are forgotten; the work meets them again."""
+        with self._lock:
+            faults, driven = dict(self.faults), self._driven
+        try:
+            with suppress(AvFaultError):
+                yield
+        finally:
+            with self._lock:
+                self.faults.clear()
+                self.faults.update(faults)
+                self._driven = driven
 
     def note(self, seed: int, fault: Fault) -> None:
         """Note a fault in a test of a seed.

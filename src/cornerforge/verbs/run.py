@@ -17,7 +17,7 @@ from cornerforge.foreign.pace import announce
 from cornerforge.library.filling import fill_library
 from cornerforge.results import RunDone
 from cornerforge.verbs.options.whole import STAND_IN, Run
-from cornerforge.verbs.rate import rate, rate_without_copies
+from cornerforge.verbs.rate import PLAIN_TESTS, rate, rate_without_copies
 from cornerforge.verbs.stages import HOURS, Counted, Job
 from cornerforge.verbs.train import evaluate
 
@@ -78,15 +78,16 @@ class _ByEffort(Job):
         self._natural_tests = round(_OUTSIDE * size.natural_tests) if asked else size.natural_tests
         self.settings = {"effort": asdict(size), "train": asdict(self.learning(size.decisions))}
 
-    def _least(self) -> dict[str, float]:
-        """Count the tests and decisions that all of it takes at least."""
+    def _work(self, natural_tests: int) -> dict[str, float]:
+        """Count the tests and decisions of all of it, with so many for the natural rate."""
         size = self._size
-        tests = size.nde_tests + min(self._natural_tests, 262_144) + 8 * size.evaluation_tests + size.exposure_tests
+        tests = size.nde_tests + natural_tests + 8 * size.evaluation_tests + size.exposure_tests
         return {"tests": tests, "decisions": size.decisions}
 
     def announce(self) -> None:
         forecast(
-            self.natural, self.options.threads, "all that this effort asks for", **self._least(), bound="at least ",
+            self.natural, self.options.threads, "all that this effort asks for",
+            **self._work(min(self._natural_tests, PLAIN_TESTS)), bound="at least ",
             advice="If that is too long: --hours H does what fits into H hours.",
         )  # fmt: skip
 
@@ -100,11 +101,11 @@ class _ByEffort(Job):
         before = identity_in(self.folder).get("effort") if self.options.resume else None
         if isinstance(before, str):
             return float(before.removesuffix(HOURS)) if before.endswith(HOURS) else None
-        seconds = self.natural.seconds_of(self.options.threads, **self._least())
+        seconds = self.natural.seconds_of(self.options.threads, **self._work(self._natural_tests))
         if seconds <= 3600.0 * FIRST_PAGE_HOURS:
             return None
         announce(
-            f"The quick effort would take at least {spoken(seconds)} with this AV. So that there is a page after "
+            f"The quick effort would take up to {spoken(seconds)} with this AV, or more. So that there is a page after "
             f"{spoken(3600.0 * FIRST_PAGE_HOURS)}, this run does what fits into that time, as --hours "
             f"{FIRST_PAGE_HOURS:g} does. For all of it: --effort quick."
         )
