@@ -2,9 +2,9 @@
 
     .venv/bin/python supply/gallery.py --demo out/demo
 
-Fills out/gallery with libraries and their analyses (what is there already stays), and writes films, three stills,
-docs/gallery.md, and pictures of the pages of the demo. `docs/gallery/made.json` says of which version and traffic all
-are.
+Fills out/gallery with libraries and their analyses (what the same code left there stays; what other code left is
+refused: remove it), and writes films, three stills, docs/gallery.md, and pictures of the pages of the demo.
+`docs/gallery/made.json` says of which version and traffic all are.
 """
 
 from __future__ import annotations
