@@ -291,9 +291,11 @@ CONTRADICTIONS: dict[str, Contradiction] = {
 """What contradicts what, in plain words."""
 
 
-HIDDEN = {"flawed-too-close", "strangers:BumperHugger", "strangers:HalfwayQuitter", "strangers:TwoOverBlind",
-          "strangers:TrackDropper", "strangers:ClosingMisjudge"}  # fmt: skip
-"""AVs whose flaw makes too few of such crashes to be named in 80: those are of others, who turn into the AV's side."""
+HIDDEN = {"strangers:BumperHugger", "strangers:HalfwayQuitter", "strangers:TwoOverBlind", "strangers:ClosingMisjudge"}
+"""AVs whose flaw makes too few of such crashes to be named in 300: those are of others, who turn into the AV's side."""
+CASES, MORE_CASES = 80, 300
+IN_FEW = {"flawed-too-close", "strangers:GateCloser", "strangers:CutInPanic"}
+"""AVs whose flaw makes 3 to 6 % of such crashes: 300 are enough to name it, 80 are not always."""
 
 
 @pytest.fixture
@@ -322,7 +324,7 @@ def contradictions(said: Said) -> dict[str, str | bool]:
 @pytest.mark.parametrize("av", AVS)
 def test_a_page_says_what_is_wrong_and_does_not_contradict_itself(av: str, page_of: Callable[[str, int], Path]) -> None:
     """Flaws are named without knowing them; an AV without one is accused of none, but for chance."""
-    said, wrong = Said(page_of(av, 80)), AVS[av][1]
+    said, wrong = Said(page_of(av, MORE_CASES if av in IN_FEW else CASES)), AVS[av][1]
     print(f"| {av} | {AVS[av][0]} | {said.flaw or 'nothing'}, {said.flaw_share:g} % | {said.careful:g} % | {wrong} |")
     assert contradictions(said) == {}
     if wrong == GOOD:
@@ -333,7 +335,7 @@ def test_a_page_says_what_is_wrong_and_does_not_contradict_itself(av: str, page_
 
 @pytest.mark.full
 def test_a_contradiction_that_is_forged_into_a_page_is_found(page_of: Callable[[str, int], Path]) -> None:
-    pages = [page_of(av, 80) for av in ("idm-mobil", "flawed-forgets")]
+    pages = [page_of(av, CASES) for av in ("idm-mobil", "flawed-forgets")]
     for words, one in CONTRADICTIONS.items():
         forged = [page for page in pages if re.search(one.forged[0], page.read_text(encoding="utf-8"))]
         assert any(words in contradictions(Said(page, one.forged)) for page in forged), words

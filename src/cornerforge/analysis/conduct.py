@@ -20,7 +20,8 @@ in this order, the first that fits names the case, else "none" (docs/adr/0069-on
    in (1 m/s): `too-close`.
 5. `brakes-hard`: struck by one behind it, before which it had braked with 3 m/s2 or more within 3 s, where at least
    three of the four reference drivers saw no danger, none braked so hard, and to keep its speed would have been enough.
-6. `reacts-late`: at least three of the four reference drivers would have prevented it by braking.
+6. `reacts-late`: at least three of the four reference drivers would have prevented it by braking, and its rear was not
+   struck: a driver that had braked had been somewhere else then, but not because braking helps there.
 
 Cut in by another vehicle too near for most of them, struck from behind or from the side while it kept its lane and
 speed, an AV has done nothing wrong by these rules.
@@ -337,6 +338,13 @@ def _brakes_hard(p: _Pair, first: int) -> int:
     return -1
 
 
+@inlined_kernel
+def _rear_is_struck(p: _Pair) -> bool:
+    """Did the other run into the AV's rear: is it behind, and overlaps less along the road than across?"""
+    last = p.av_x.size - 1
+    return bool(p.bv_x[last] < p.av_x[last] and p.free_along[last] > p.free_across[last])
+
+
 @kernel
 def _judge_all(
     m: _Motion, first: NDArray[np.int64], judges: NDArray[np.int64], lane_width: float, out: NDArray[np.int64]
@@ -356,7 +364,7 @@ def _judge_all(
         brakes = _brakes_hard(p, first[c]) if judges[c, 0] != 0 else -1
         if brakes >= 0:
             out[c, 0], out[c, 2] = _HARD, brakes
-        elif judges[c, 1] >= 0:
+        elif judges[c, 1] >= 0 and not _rear_is_struck(p):
             out[c, 0], out[c, 2] = _REACTS, max(first[c], p.av_x.size - 1 - judges[c, 1])
 
 
@@ -386,8 +394,8 @@ class Conduct:
 
     @property
     def slow(self) -> NDArray[np.bool_]:
-        """Mark the cases in which it braked too late, too weakly or not at all (rule 3), bool (S,)."""
-        return np.isin(self.code, (_LATE, _WEAK, _STOPS, _NEVER))
+        """Mark the cases in which it braked too late, too weakly or not at all (rules 3 and 6), bool (S,)."""
+        return np.isin(self.code, (_LATE, _WEAK, _STOPS, _NEVER, _REACTS))
 
     @property
     def begun(self) -> NDArray[np.bool_]:

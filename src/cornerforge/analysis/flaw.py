@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.analysis.conduct import CONDUCTS, NO_CONDUCT, Conduct
+from cornerforge.intervals import share_interval
 from cornerforge.results.analysis import OwnDoing
 
 __all__ = ["FLAWS", "Flaw", "flaws_of", "headline", "in_words"]
@@ -30,17 +31,20 @@ FLAWS: dict[str, str] = {
     "too-close": "keeps too little distance",
     "brakes-hard": "brakes hard for nothing",
     "late-at-cut-ins": "brakes late when others cut in",
+    "brakes-too-little": "brakes too late or too little, now this way and now that",
 }
 """Name of each flaw, and what the AV does, after "This AV"."""
 
 _NOTHING = "Nothing was found that is this AV's own doing"
 
-LEAST_CASES, LEAST_SHARE = 3, 0.02
-"""A flaw shows in at least so many cases, and in this share of all crashes."""
+LEAST_CASES, LEAST_SHARE = 3, 0.01
+"""A flaw shows in at least so many cases, and surely (95 % interval) in more than this share of all crashes."""
 _CHANGES, _INTO_REAR = ("not-behind", "not-beside", "cuts-in"), ("stops-heeding", "does-not-brake")
 _REACTS = ("reacts-late",)
 _ALONE = ("hesitates", "brakes-late", "brakes-weakly", "too-close", "brakes-hard")
 _GROUPS = (*((name,) for name in _ALONE), _CHANGES, _INTO_REAR, _REACTS)
+_BRAKES_TOO_LITTLE = ("brakes-late", "brakes-weakly", *_INTO_REAR, *_REACTS)
+"""Looked at as one where no group alone shows a flaw."""
 _MANY, _HALF, _NEARLY_ALL = 0.2, 0.5, 0.8
 """Shares of the cases of a group in which one of its conducts must show to name the flaw."""
 _ONE_SIDE, _SIDED_CASES = 0.95, 8
@@ -55,11 +59,13 @@ class Flaw:
         name: A key of `FLAWS`.
         cases: Rows of the cases, ascending.
         share: Share of all crashes, by weight, 0 to 1.
+        interval95: Interval of the share.
     """
 
     name: str
     cases: NDArray[np.intp]
     share: float
+    interval95: tuple[float, float]
 
 
 def flaws_of(conduct: Conduct, weights: NDArray[np.float64] | None = None) -> list[Flaw]:
@@ -71,32 +77,29 @@ def flaws_of(conduct: Conduct, weights: NDArray[np.float64] | None = None) -> li
     """
     weight = np.ones(conduct.code.size) if weights is None else weights
     names = np.array(list(CONDUCTS))[conduct.code]
-    found = []
-    for group in _GROUPS:
+    found: dict[str, NDArray[np.intp]] = {}
+    for group in (*_GROUPS, _BRAKES_TOO_LITTLE):
+        if group is _BRAKES_TOO_LITTLE and found:
+            break
         rows = np.flatnonzero(np.isin(names, group))
-        share = float(weight[rows].sum() / weight.sum()) if rows.size else 0.0
-        if rows.size >= LEAST_CASES and share >= LEAST_SHARE:
-            found.append(Flaw(_name(group, names, conduct, rows, weight), rows, share))
-    return _once_each(sorted(found, key=lambda flaw: -flaw.share))
+        if rows.size >= LEAST_CASES and share_interval(weight[rows], weight)[0] > LEAST_SHARE:
+            name = _name(group, names, conduct, rows, weight)
+            found[name] = np.union1d(found.get(name, rows), rows)
+    flaws = [_flaw(name, rows, weight) for name, rows in found.items()]
+    return sorted(flaws, key=lambda flaw: -flaw.share)
 
 
-def _once_each(flaws: list[Flaw]) -> list[Flaw]:
-    """Join flaws of one name: an AV may keep too little distance when it follows and when it changes lanes."""
-    joined: dict[str, Flaw] = {}
-    for flaw in flaws:
-        before = joined.get(flaw.name)
-        joined[flaw.name] = (
-            flaw if before is None else Flaw(flaw.name, np.union1d(before.cases, flaw.cases), before.share + flaw.share)
-        )
-    return sorted(joined.values(), key=lambda flaw: -flaw.share)
+def _flaw(name: str, rows: NDArray[np.intp], weight: NDArray[np.float64]) -> Flaw:
+    """Make a flaw of the cases that show it."""
+    share = float(weight[rows].sum() / weight.sum())
+    return Flaw(name, rows, share, share_interval(weight[rows], weight))
 
 
-def in_words(flaws: Sequence[Flaw], intervals: Sequence[Sequence[float]], conduct: Conduct, *, natural: bool) -> str:
+def in_words(flaws: Sequence[Flaw], conduct: Conduct, *, natural: bool) -> str:
     """Say in a sentence or two what the AV does wrong, or that nothing was found.
 
     Args:
         flaws: Result of `flaws_of`.
-        intervals: Intervals of the share of each flaw, 0 to 1.
         conduct: Conduct of the cases.
         natural: They are natural cases, and shares are by how often each happens.
     """
@@ -106,7 +109,8 @@ def in_words(flaws: Sequence[Flaw], intervals: Sequence[Sequence[float]], conduc
         kind = kind if n != 1 else kind.removesuffix("es")
         some = f" In {wrong:,} of them it did something wrong, too few to name a flaw." if wrong else ""
         return f"{_NOTHING}, in {n:,} {kind}.{some}"
-    first, (low, high) = flaws[0], intervals[0]
+    first = flaws[0]
+    low, high = first.interval95
     text = (
         f"This AV {FLAWS[first.name]}, in {_percent(first.share)} of its {kind} (95 % interval "
         f"{_percent(low)} to {_percent(high)}; {first.cases.size:,} of {n:,} cases)."
@@ -162,6 +166,8 @@ def _name(
 
     if group is _REACTS:
         return "brakes-late" if share_of(conduct.side[rows] == 0) > _HALF else "late-at-cut-ins"
+    if group is _BRAKES_TOO_LITTLE:
+        return "brakes-too-little"
     if len(group) == 1:
         return group[0]
 

@@ -62,7 +62,8 @@ PREVENTIONS: dict[str, str] = {
     "motion alone tells that it braked too late",
     "by leaving it out": "a careful driver would have kept lane, speed and distance instead of what the AV began",
     "another speed": "the speed that the AV then had would have been enough, which no care would have told",
-    "models differ": "one or two of four models of a careful driver would have prevented it by braking",
+    "models differ": "some of four models of a careful driver would have prevented it: one or two, or more where the "
+    "AV's rear was struck",
     "nobody": "no model of a careful driver would have prevented it",
     "not judged": "it cannot be judged",
 }
@@ -161,13 +162,13 @@ class Prevention:
         """Say of each case what would have prevented it, one of `PREVENTION`, (C,).
 
         Args:
-            slow: Cases in which the AV braked too late or not at all by its motion alone (`analysis.conduct`), (C,).
+            slow: Cases in which the AV braked too late, too weakly or not at all (`analysis.conduct`), (C,).
             begun: Cases in which it did something wrong that it could have left out, (C,).
         """
         some = self.prevented.any(axis=1)
         found = np.where(self.held, PREVENTION[2], np.where(some, PREVENTION[3], PREVENTION[4]))
         found = np.where(begun & (self.held | some), PREVENTION[1], found)
-        found = np.where((self.reacts >= 0) | slow, PREVENTION[0], found)
+        found = np.where(slow, PREVENTION[0], found)
         return np.asarray(np.where(self.judged, found, NOT_JUDGED), np.str_)
 
     def columns(self, slow: NDArray[np.bool_], begun: NDArray[np.bool_]) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from cornerforge.errors import InputError
 from cornerforge.experiment.experiments import check_threads
 from cornerforge.experiment.output import open_output, provenance, write_json
 from cornerforge.fields import SHORTFALL
-from cornerforge.intervals import binomial_interval, share_interval
+from cornerforge.intervals import binomial_interval
 from cornerforge.library import CaseLibrary
 from cornerforge.library.natural import is_natural, natural_weights
 from cornerforge.rates.judges import LEAD_S, has_way_out, judges_of
@@ -360,9 +360,8 @@ def _own_doing(
     )
     flaws, shown = flaws_of(conduct, weights), []
     first: list[int] = []
-    intervals = [_share_interval(flaw.cases, weights, conduct.code.size) for flaw in flaws]
     score = np.nan_to_num(value.score, nan=-1.0)
-    for flaw, interval in zip(flaws, intervals, strict=True):
+    for flaw in flaws:
         ranked = flaw.cases[np.argsort(-score[flaw.cases], kind="stable")[:_SHOWING]].tolist()
         first = first or ranked
         shown.append(
@@ -370,11 +369,11 @@ def _own_doing(
                 "flaw": flaw.name,
                 "cases": flaw.cases.size,
                 "share": flaw.share,
-                "interval95": list(interval),
+                "interval95": list(flaw.interval95),
                 "typical": [found.case_ids[row] for row in ranked],
             }
         )
-    text = in_words(flaws, intervals, conduct, natural=weights is not None)
+    text = in_words(flaws, conduct, natural=weights is not None)
     return {"text": text, "flaws": shown, "conducts": _counts(_strings(table, "conduct"))}, first
 
 
