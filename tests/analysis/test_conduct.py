@@ -158,8 +158,10 @@ def conducts(**cases: int) -> Conduct:
         ({"not_beside_right": 5, "cuts_in_right": 5, "none_ahead": 100}, "not-right"),
         ({"brakes_late_ahead": 4, "none_ahead": 90}, "brakes-late"),  # 1.2 to 10.5 %
         ({"brakes_late_ahead": 2, "none_ahead": 3}, None),
-        ({"brakes_late_ahead": 2, "does_not_brake_ahead": 2, "reacts_late_left": 2, "none_ahead": 80},
-         "brakes-too-little"),
+        (
+            {"brakes_late_ahead": 2, "does_not_brake_ahead": 2, "reacts_late_left": 2, "none_ahead": 80},
+            "brakes-too-little",
+        ),
         ({"brakes_late_ahead": 3, "none_ahead": 85}, None),  # 0.7 to 9.6 %
     ],
 )

@@ -23,6 +23,7 @@ pytestmark = [pytest.mark.full, pytest.mark.usefixtures("in_memory")]
 
 Capture = pytest.CaptureFixture[str]
 EXAMPLE = Path(__file__).parents[2] / "examples" / "my_av.py"
+STRANGERS = Path(__file__).parents[1] / "avs_of_a_stranger"
 
 
 @pytest.fixture
@@ -210,6 +211,15 @@ def test_the_example_passes_check_av(example: Path, capsys: Capture) -> None:  #
     assert " tests/h, " in lines[-1]
     assert "training against it (2,500,000 decisions) would take about" in lines[-1]
     assert result["does"]["batch"] > 1
+
+
+@pytest.mark.parametrize(("name", "verdict"), [("CutInSleeper", "warn"), ("Cautious", "ok")])
+def test_check_av_remarks_that_a_vehicle_is_heeded_only_in_mid_lane(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch, name: str, verdict: str
+) -> None:
+    monkeypatch.syspath_prepend(str(STRANGERS))
+    _, result, _ = call(capsys, "check-av", f"strangers:{name}", "--tests", 8)
+    assert verdicts(result)["one comes in from the left, its side over the line"] == verdict
 
 
 @pytest.mark.parametrize(

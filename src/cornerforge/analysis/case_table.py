@@ -16,6 +16,7 @@ from cornerforge.analysis.avoidability import AVOIDABILITY_SCHEMA, AvoidParams, 
 from cornerforge.analysis.conduct import CONDUCT_COLUMNS, NO_CONDUCT, conduct_of
 from cornerforge.analysis.fault import FAULT_COLUMNS, assign_fault
 from cornerforge.analysis.measures import MEASURES, measure_cases
+from cornerforge.analysis.mechanism import MECHANISMS, mechanism_of
 from cornerforge.analysis.prevented import PREVENTED_COLUMNS, prevented_at, prevention_of
 from cornerforge.analysis.value import (
     PARTS,
@@ -27,9 +28,9 @@ from cornerforge.analysis.value import (
 )
 from cornerforge.fields import SHORTFALL, Field
 from cornerforge.recordings import recordings_of_tracks
-from cornerforge.types import Odd
+from cornerforge.types import Odd, Scenario
 
-__all__ = ["VALUE_COLUMNS", "CaseTable", "ShardReading", "read_shards", "values_of"]
+__all__ = ["MECHANISM", "VALUE_COLUMNS", "CaseTable", "ShardReading", "read_shards", "values_of", "with_mechanism"]
 
 _WITNESS = [name for name in AVOIDABILITY_SCHEMA.names if name.startswith("witness_")]
 
@@ -45,6 +46,9 @@ VALUE_COLUMNS: tuple[Field, ...] = (
     Field("value", "float64", "", "Mean of the four, 0 to 1; null: one of them is not known.", _SHARE, nullable=True),
 )  # fmt: skip
 """Columns that `values_of` adds."""
+
+MECHANISM = Field("mechanism", "string", "", f"What led to it: {', '.join(MECHANISMS)} (`analysis.mechanism`).")
+"""Column that `with_mechanism` adds."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +130,18 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
             fields.append(arrow_field(column))
             arrays.append(cases.column(column.name).combine_chunks())
         yield CaseTable(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), witnesses, reacting)
+
+
+def with_mechanism(table: pa.Table, cases: Iterable[tuple[str, Scenario]]) -> pa.Table:
+    """Put beside each case of a table of `read_shards` how its crash came about.
+
+    Args:
+        table: S rows.
+        cases: Name and recording of the same cases, in any order.
+    """
+    known = {name: mechanism_of(scenario).name for name, scenario in cases}
+    names = [known[case] for case in table.column("case_id").to_pylist()]
+    return table.add_column(1, arrow_field(MECHANISM), pa.array(names, arrow_type(MECHANISM.type)))
 
 
 def values_of(

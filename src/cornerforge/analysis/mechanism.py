@@ -249,6 +249,8 @@ def _follows_bv_crash(scenario: Scenario, frame: int) -> bool:
     closed = scenario.odd.max_speed * FRAME_S  # what closing at full speed adds within the last frame
     for t in range(first, frame + 1):
         gone = np.flatnonzero(scenario.present[t - 1, 1:] & ~scenario.present[t, 1:]) + 1
+        if gone.size < 2:
+            continue
         x, y = scenario.x[t - 1, gone], scenario.y[t - 1, gone]
         length, width = scenario.length[gone], scenario.width[gone]
         reach, beside = 0.5 * (length[:, None] + length) + closed, 0.5 * (width[:, None] + width) + 1.0

@@ -10,7 +10,7 @@ import pyarrow as pa
 from cornerforge._table_checks import read_parquet
 from cornerforge._values import table_fault
 from cornerforge.analysis.avoidability import AVOIDABILITY_COLUMNS
-from cornerforge.analysis.case_table import VALUE_COLUMNS
+from cornerforge.analysis.case_table import MECHANISM, VALUE_COLUMNS
 from cornerforge.analysis.conduct import CONDUCT_COLUMNS
 from cornerforge.analysis.crash_types import CRASH_TYPES
 from cornerforge.analysis.fault import FAULT_COLUMNS
@@ -43,7 +43,7 @@ POINT_COLUMNS: tuple[Field, ...] = (
 
 _WAY = [column.name for column in AVOIDABILITY_COLUMNS if column.name.startswith("witness_")]
 CASE_COLUMNS: tuple[Field, ...] = (
-    *POINT_COLUMNS, *MEASURES, *FAULT_COLUMNS, *CONDUCT_COLUMNS, *PREVENTED_COLUMNS,
+    *POINT_COLUMNS, MECHANISM, *MEASURES, *FAULT_COLUMNS, *CONDUCT_COLUMNS, *PREVENTED_COLUMNS,
     *(column for column in AVOIDABILITY_COLUMNS[1:] if column.name not in _WAY),
     *SHORTFALL, *VALUE_COLUMNS,
 )  # fmt: skip

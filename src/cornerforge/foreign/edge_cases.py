@@ -23,11 +23,12 @@ _SAMPLE = 64
 
 @dataclass(frozen=True)
 class Other:
-    """A vehicle as the AV sees it: metres ahead, lanes to the left, speed [m/s]."""
+    """A vehicle as the AV sees it: metres ahead, lanes to the left, speed, and speed to the left [m/s]."""
 
     ahead: float
     lanes_left: float
     speed: float
+    to_left: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,12 @@ def _should_brake(acceleration: float, order: float) -> str:
     return ""
 
 
+def _should_brake_for_what_comes_in(acceleration: float, order: float) -> str:
+    if acceleration > -1.0 and order == 0.0:
+        return "it hardly brakes; is a vehicle that comes in seen only in mid-lane?"
+    return ""
+
+
 def _should_not_brake(acceleration: float, _order: float) -> str:
     return "it brakes on an empty road" if acceleration < -1.0 else ""
 
@@ -78,6 +85,9 @@ EDGE_CASES: dict[str, EdgeCase] = {
     "rightmost lane": EdgeCase(25.0, [Other(30.0, 0, 20.0)], lane=0),
     "leftmost lane": EdgeCase(25.0, [Other(30.0, 0, 20.0)], lane=-1),
     "between two lanes": EdgeCase(30.0, [Other(20.0, 0, 25.0)], between_lanes=2.0),
+    "one comes in from the left, its side over the line": EdgeCase(
+        30.0, [Other(15.0, 0.4, 22.0, -1.0)], doubt=_should_brake_for_what_comes_in
+    ),
     "twelve vehicles at top speed": EdgeCase(40.0, _FULL),
     "standing alone": EdgeCase(0.0),
     "end of the test": EdgeCase(30.0, left_to_drive=-0.5),
@@ -96,7 +106,8 @@ def edge_case(name: str, odd: Odd | AvContext) -> NDArray[np.float32]:
     shown = [other for other in case.others if 0 <= lane + other.lanes_left < odd.n_lanes]
     for row, other in enumerate(shown, start=1):
         side = other.lanes_left * odd.lane_width - case.between_lanes
-        view[row] = 1.0, other.ahead, side, other.speed, 0.0, 0.0, lane + other.lanes_left, 0.0
+        goes_to = lane + np.floor(other.lanes_left)
+        view[row] = 1.0, other.ahead, side, other.speed, other.to_left, 0.0, goes_to, float(other.to_left != 0.0)
     return view
 
 

@@ -292,8 +292,7 @@ def _look(known: Known) -> Look | None:
         found, prevented = first
         kinds = known.kinds
         assert kinds is not None
-        rates = kinds.mechanisms or kinds.crash_types
-        kind = rates.get(found.kind)
+        kind = kinds.mechanisms.get(found.kind)
         often = interval = ""
         if kind is not None:
             low, high = kind.interval95_miles

@@ -20,7 +20,7 @@ class NaturalCases:
     """Columns of S cases.
 
     Attributes:
-        case_id, mechanism, crash_type: Facts of each case; mechanism "" where the library does not say it.
+        case_id, mechanism: Facts of each case.
         weight: Crashes per test that it stands for, shape (S,).
         points: Places in the plane of the principal components, shape (S, 2).
         prevention: What would have prevented it, one of `analysis.prevented.PREVENTION`, shape (S,).
@@ -28,7 +28,6 @@ class NaturalCases:
 
     case_id: list[str]
     mechanism: list[str]
-    crash_type: list[str]
     weight: NDArray[np.float64]
     points: NDArray[np.float64]
     prevention: NDArray[np.str_]
@@ -40,8 +39,7 @@ class NaturalCases:
 
     def first(self) -> tuple[FirstCase, bool] | None:
         """Choose the case to look at first, as `what_to_see_first` does."""
-        kinds = self.mechanism if any(self.mechanism) else self.crash_type
-        return what_to_see_first(kinds, self.weight, self.points, self.prevention)
+        return what_to_see_first(self.mechanism, self.weight, self.points, self.prevention)
 
 
 def read_natural_cases(library: Path, analysis: Path, command: str) -> NaturalCases:
@@ -60,18 +58,13 @@ def read_natural_cases(library: Path, analysis: Path, command: str) -> NaturalCa
 
     cases = CaseLibrary.open(library)
     weights = natural_weights(cases) or {}
-    mechanisms: dict[str, str | None] = {}
-    if "mechanism" in cases.extra:
-        rows = cases.scalars(["case_id", "mechanism"])
-        mechanisms = dict(zip(rows["case_id"].to_pylist(), rows["mechanism"].to_pylist(), strict=True))
-    names = ["case_id", "crash_type", "pc1", "pc2", "prevention"]
+    names = ["case_id", "mechanism", "pc1", "pc2", "prevention"]
     found = read_table(analysis / "cases.parquet", names, command)
     rows_known = [row for row, case in enumerate(found["case_id"]) if weights.get(case, 0.0) > 0.0]
     column = {name: [found[name][row] for row in rows_known] for name in names}
     return NaturalCases(
         case_id=column["case_id"],
-        mechanism=[mechanisms.get(case) or "" for case in column["case_id"]],
-        crash_type=column["crash_type"],
+        mechanism=column["mechanism"],
         weight=np.array([weights[case] for case in column["case_id"]], np.float64),
         points=np.stack([np.array(column[name], np.float64) for name in ("pc1", "pc2")], axis=-1),
         prevention=np.array(column["prevention"], np.str_),

@@ -159,7 +159,7 @@ def _judge(
     import pyarrow.compute as pc
 
     from cornerforge.analysis.avoidability import AvoidParams
-    from cornerforge.analysis.case_table import ShardReading, read_shards, values_of
+    from cornerforge.analysis.case_table import ShardReading, read_shards, values_of, with_mechanism
 
     begin = time.perf_counter()
     reading = ShardReading(
@@ -186,7 +186,9 @@ def _judge(
             f"{', '.join(field.name for field in SHORTFALL)} are null for them; generate the library again to have it.",
             stacklevel=3,
         )
-    table, value = values_of(table.take(rows), found.projection.points)
+    recorded = ((case.scalars["case_id"], case.scenario) for case in cases.scenarios(found.case_ids))
+    table = with_mechanism(table.take(rows), recorded)
+    table, value = values_of(table, found.projection.points)
     seconds["judge"] = time.perf_counter() - begin
     seconds["total"] += seconds["judge"]
     reacting = {
@@ -377,29 +379,19 @@ def _own_doing(
     return {"text": text, "flaws": shown, "conducts": _counts(_strings(table, "conduct"))}, first
 
 
-def _share_interval(rows: NDArray[np.intp], weights: NDArray[np.float64] | None, n: int) -> tuple[float, float]:
-    """Give the 95 % interval of the share of some cases; with weights that of their rate over the rate of all."""
-    return binomial_interval(rows.size, n) if weights is None else share_interval(weights[rows], weights)
-
-
 def _natural(
     cases: CaseLibrary, found: Analysis, table: pa.Table, drawn: frozenset[str], reaction: float,
     weights: NDArray[np.float64],
 ) -> Natural:  # fmt: skip
     """Compute how often each kind happens in natural traffic; `weights`: of the cases, in the order of the analysis."""
     after = float(reaction) or LEAD_S
-    mechanisms: list[str | None] = [None] * table.num_rows
-    if "mechanism" in cases.extra:
-        rows = cases.scalars(["case_id", "mechanism"])
-        known = dict(zip(rows["case_id"].to_pylist(), rows["mechanism"].to_pylist(), strict=True))
-        mechanisms = [known[case] for case in found.case_ids]
     return natural_shares(
         weights,
         cases.odd,
         kinds={
             "clusters": [str(number) for number in found.cluster_index.tolist()],
             "crash_types": found.crash_types.names,
-            "mechanisms": mechanisms,
+            "mechanisms": _strings(table, "mechanism"),
             "fault": _strings(table, "fault"),
             "conducts": _strings(table, "conduct"),
         },

@@ -112,7 +112,7 @@ function onKey(event: KeyboardEvent): void {
   // A case that is shown has keys of its own, unless another part has the focus.
   const isCase = target === document.body || target.closest(".watch") !== null;
   if (isCase && watched.peek() !== null && !listOver.peek() && commandOf(event) !== null) return;
-  const isFree = document.activeElement === document.body;
+  const isFree = target === document.body || target.matches("input[type=checkbox]");
   const act = event.key === "Enter" && isFree && cursor.peek() >= 0 ? () => watch(keyOf(cursor.peek())) : KEYS[event.key];
   if (!act) return;
   event.preventDefault();

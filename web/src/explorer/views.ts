@@ -42,9 +42,9 @@ export const USUAL_COLOURS = [
 ];
 export const USUAL_AXES = ["pc1", "pc2", "impact_speed_mps", "av_speed_mps", "crash_time_s", "relative_lon_m", "relative_lat_m", "often", "value"];
 const USUAL_LIST = {
-  natural: ["case_id", "mechanism", "often", "prevention", "impact_speed_mps"],
-  made: ["case_id", "crash_type", "value", "prevention", "impact_speed_mps"],
-  both: ["source", "case_id", "crash_type", "prevention", "impact_speed_mps", "often", "value"],
+  natural: ["case_id", "mechanism", "crash_type", "often", "prevention", "impact_speed_mps"],
+  made: ["case_id", "mechanism", "crash_type", "value", "prevention", "impact_speed_mps"],
+  both: ["source", "case_id", "mechanism", "crash_type", "prevention", "impact_speed_mps", "often", "value"],
 };
 /** What the list shows instead where there is no analysis. */
 const PLAIN_LIST = ["case_id", "mechanism", "crash_type", "av_speed_mps", "bv_speed_mps", "crash_time_s"];
@@ -65,9 +65,8 @@ export const axisColumns = computed<readonly [string, string] | null>(() => {
 
 export const listColumns = computed<readonly string[]>(() => {
   if (show.value) return show.value.filter((name) => name === "case_id" || has(name));
-  const kind = shownKind.value;
-  const other = kind === "natural" && has("mechanism") ? "crash_type" : "mechanism";
-  return (has("prevention") ? USUAL_LIST[kind] : PLAIN_LIST).filter((name) => has(name) && name !== other);
+  const other = has("mechanism") ? "crash_type" : "mechanism";
+  return (has("prevention") ? USUAL_LIST[shownKind.value] : PLAIN_LIST).filter((name) => has(name) && name !== other);
 });
 
 // Signals of their own, so that what depends on the source alone stays as it is when other filters change.

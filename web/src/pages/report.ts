@@ -109,6 +109,7 @@ function playCases(cases: readonly Item[]): void {
     },
     chosen: (item) => {
       byId("case-role").textContent = `Case ${item.id}: ${item.role}.`;
+      byId("key-critical").hidden = item.critical.every((index) => index <= 0);
       drawChart(item);
     },
     moved: (item, frame) => { writeReadout(item, frame); moveCursor(item, frame); },

@@ -925,6 +925,7 @@
       },
       chosen: (item) => {
         byId("case-role").textContent = `Case ${item.id}: ${item.role}.`;
+        byId("key-critical").hidden = item.critical.every((index) => index <= 0);
         drawChart(item);
       },
       moved: (item, frame) => {
