@@ -274,12 +274,14 @@ def test_everything_has_a_name(natural_run_folder: Path) -> None:
     assert all(after <= before + 1 for before, after in itertools.pairwise(headings))
 
 
-def test_paper_shows_no_controls(run_folder: Path) -> None:
+def test_paper_shows_no_controls_but_every_doubt(run_folder: Path) -> None:
     style = Page(write_report(run_folder)).style
     paper = style[style.index("@media print") :]
     hidden = re.search(r"([^{}]*)\{ display: none; \}", paper[paper.index("nav") - 4 :])
     assert hidden is not None
-    assert {"nav", ".controls", "button.big"} <= {one.strip() for one in hidden[1].split(",")}
+    gone = {one.strip() for one in hidden[1].split(",")}
+    assert {"nav", ".controls", "button.big"} <= gone
+    assert ".doubt" not in gone
     assert "break-inside: avoid" in paper
 
 

@@ -165,7 +165,7 @@ def test_shares_have_exact_intervals(n: int, cases: int) -> None:
 
 def test_names_in_bars_cannot_be_markup() -> None:
     (label,) = figures.share_figure({"<b>no vehicle behind did brake": 1}, 2, "share")["data"][0]["y"]
-    assert label == "&lt;b&gt;no vehicle behind did<br>brake"
+    assert label == "&lt;b&gt;no vehicle behind did<br>brake<br>1 (50.0 %)"
 
 
 def test_heat_is_there_where_cases_are(artefacts: Artefacts) -> None:

@@ -72,7 +72,7 @@ def rate_figure(rates: Mapping[str, Counted]) -> Figure:
         type="log",
         range=[bottom, 0.25],
         exponentformat="power",
-        dtick=1 if bottom > -4.0 else 2,
+        dtick=1 if bottom > -4.0 else 2 if bottom > -6.0 else 3,
         tickangle=0,
     )
     layout["yaxis"] = _axis("", automargin=True, autorange="reversed", categoryorder="array", showgrid=False)
@@ -132,6 +132,7 @@ def training_figure(training: TrainingCurve, natural: Counted) -> Figure:
     traces: list[dict[str, Any]] = [
         {
             "type": "scatter",
+            "mode": "lines",
             "x": x + x[::-1],
             "y": [*(high for _, high in ends), *(low for low, _ in reversed(ends))],
             "fill": "toself",
@@ -228,7 +229,7 @@ def share_figure(counts: dict[str, int], cases: int, what: str) -> Figure:
         "type": "bar",
         "orientation": "h",
         "x": (100 * shares).tolist(),
-        "y": [_wrapped(name) for name in counts],
+        "y": [f"{_wrapped(name)}<br>{text.count(n)} ({text.share(n / cases)})" for name, n in counts.items()],
         "marker": {"color": "css:accent"},
         "hoverinfo": "skip",
         "error_x": {
@@ -241,24 +242,11 @@ def share_figure(counts: dict[str, int], cases: int, what: str) -> Figure:
             "color": "css:ink",
         },
     }
-    # Beyond the interval's end, since the bar's own label would lie over it; in a long bar before it, where room is.
-    long = shares > 0.5
-    labels = {
-        "type": "scatter",
-        "mode": "text",
-        "x": np.where(long, 100 * ends[:, 0] - 1.5, 100 * ends[:, 1] + 1.5).tolist(),
-        "y": bars["y"],
-        "text": [f"{text.count(n)} ({text.share(n / cases)})" for n in counts.values()],
-        "textposition": ["middle left" if inside else "middle right" for inside in long],
-        "textfont": {"color": ["css:paper" if inside else "css:ink" for inside in long]},
-        "cliponaxis": False,
-        "hoverinfo": "skip",
-    }
-    layout = _layout(height=100 + 42 * max(1, len(counts)), margin={"l": 10, "r": 20, "t": 10, "b": 50})
+    layout = _layout(height=100 + 46 * max(1, len(counts)), margin={"l": 10, "r": 20, "t": 10, "b": 50})
     layout |= {"showlegend": False, "bargap": 0.35}
     layout["xaxis"] = _axis(f"{what} [%]<br>n = {text.count(cases)}", range=[0, 100])
     layout["yaxis"] = _axis("", automargin=True, autorange="reversed", showgrid=False, ticksuffix=" ")
-    return {"data": [bars, labels], "layout": layout}
+    return {"data": [bars], "layout": layout}
 
 
 def _wrapped(name: str, width: int = 24) -> str:

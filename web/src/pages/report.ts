@@ -78,7 +78,7 @@ function drawChart(item: Item): void {
     annotations.push({ x: t, xanchor: "right", xshift: -4, y: 0.52, yanchor: "top", yref: "paper", text: "crash", showarrow: false, font: { color: "css:contact" } });
   }
   const layout = {
-    height: byId("case-chart").clientWidth < 480 ? 380 : 220, margin: { l: 56, r: 12, t: 30, b: 40 }, hovermode: "x", dragmode: false as const, shapes, annotations,
+    height: byId("case-chart").clientWidth < 480 ? 380 : 300, margin: { l: 56, r: 12, t: 30, b: 40 }, hovermode: "x", dragmode: false as const, shapes, annotations,
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
     font: { family: "system-ui, sans-serif", size: 12, color: "css:ink" },
     hoverlabel: { bgcolor: "css:paper", font: { color: "css:ink" } },

@@ -890,7 +890,7 @@
       annotations.push({ x: t, xanchor: "right", xshift: -4, y: 0.52, yanchor: "top", yref: "paper", text: "crash", showarrow: false, font: { color: "css:contact" } });
     }
     const layout = {
-      height: byId("case-chart").clientWidth < 480 ? 380 : 220,
+      height: byId("case-chart").clientWidth < 480 ? 380 : 300,
       margin: { l: 56, r: 12, t: 30, b: 40 },
       hovermode: "x",
       dragmode: false,
