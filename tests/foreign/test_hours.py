@@ -114,6 +114,19 @@ def test_portions_end_when_more_are_of_no_use(tmp_path: Path) -> None:
     assert len(found) == 3
 
 
+@pytest.mark.parametrize("share", [1.0, 0.5, 0.02])
+def test_a_fast_av_that_crashes_often_does_not_fill_the_library_with_more_than_is_of_use(
+    tmp_path: Path, share: float
+) -> None:
+    """Its first portion once was the largest: 24,167 cases, and minutes to judge them, where 3,000 are enough."""
+    found = spend.in_portions(
+        Stages(tmp_path), "x", plan(tests_per_second=20_000.0), until=1e6, spent=0.0, most=3000,
+        drive=lambda first, n: portion(first, n, n / 20_000.0, tuple(range(first, first + int(share * n)))),
+    )  # fmt: skip
+    assert 3000 <= sum(len(p.crashed) for p in found) <= 3100
+    assert len(found) < 30
+
+
 def test_stored_portions_are_not_driven_again_and_decide_the_next(tmp_path: Path) -> None:
     def stopped(first: int, n: int) -> Any:
         if first > 200:

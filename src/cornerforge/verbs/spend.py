@@ -66,6 +66,8 @@ _ENOUGH_NATURAL = 1_000
 """So many natural crashes give a rate to some 6 %; to store many more would take longer than to drive them."""
 _PORTIONS = 12
 _MOST_PORTION = 65_536
+_SURE = 3.0
+"""So many crashes more than were seen can be expected in as many tests (95 %, where none was seen)."""
 _TREES_LEAST = PLAIN_TESTS + 450_000
 """Trees need so many tests, or answers for as many, before their rate can be trusted."""
 _SAMPLE, _NDE_TESTS = 512, 20_000
@@ -340,7 +342,7 @@ def in_portions(
         until: Time at which the last portion should end [s].
         spent: Time that other parts took before [s].
         drive: Drives a portion: first test, number of tests.
-        most: So many crashes are enough.
+        most: So many crashes are enough; no portion drives tests that make many more.
         makes: Files that each portion adds to, as for `Stages.do`.
     """
     done: list[Portion] = []
@@ -350,8 +352,10 @@ def in_portions(
         left = until - spent
         if done and speed * left < least:
             break
-        size = max(least, min(int(speed * min(left, share)), _MOST_PORTION))
-        first = sum(portion.tests for portion in done)
+        first, crashed = sum(portion.tests for portion in done), sum(len(portion.crashed) for portion in done)
+        at_most = (crashed + _SURE) / (first + _SURE)  # crashes a test; 1 before any was driven
+        needed = int((most - crashed) / at_most) + 1
+        size = max(least, min(int(speed * min(left, share)), needed, _MOST_PORTION))
         portion = stages.do(f"{name}-{len(done):03}", Portion, lambda first=first, size=size: drive(first, size), makes)  # type: ignore[misc]
         done.append(portion)
         spent += portion.seconds
