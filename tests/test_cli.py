@@ -191,17 +191,26 @@ def test_completion_works_as_a_shell_asks_for_it(tmp_path: Path) -> None:
     assert (done.stdout, done.stderr) == ("standard\n", "")
 
 
+KEPT = "interrupted; what was finished is kept: the same command with --resume goes on."
+
+
 @pytest.mark.parametrize(
     ("command", "said"),
     [
-        (["generate"], "interrupted; what was finished is kept."),
+        (["generate"], KEPT),
         (["analyse"], "interrupted."),
         (["ndd", "fit"], "interrupted."),
         (["rate"], "interrupted."),
-        (["rate", "--out", "folder"], "interrupted; what was finished is kept."),
+        (
+            ["rate", "--out", "folder"],
+            KEPT,
+        ),
         (["simulate"], "interrupted."),
-        (["simulate", "--out=folder"], "interrupted; what was finished is kept."),
-        (["run"], "interrupted; what was finished is kept."),
+        (
+            ["simulate", "--out=folder"],
+            KEPT,
+        ),
+        (["run"], KEPT),
     ],
 )
 def test_an_interrupt_promises_what_the_command_does(

@@ -265,7 +265,7 @@ def test_an_interrupt_promises_what_the_file_says(
     write("max-tests = 10\n")
     assert call(capsys, "rate", "--config", "c.toml") == (130, "", "cornerforge: interrupted.\n")
     write('max-tests = 10\nout = "kept"\n')
-    said = "cornerforge: interrupted; what was finished is kept.\n"
+    said = "cornerforge: interrupted; what was finished is kept: the same command with --resume goes on.\n"
     assert call(capsys, "rate", "--config", "c.toml") == (130, "", said)
 
 

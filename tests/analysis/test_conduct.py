@@ -176,6 +176,17 @@ def test_natural_cases_count_by_how_often_they_happen() -> None:
     assert flaws_of(found, np.repeat([1.0, 9.0], 5))[0].share == pytest.approx(0.9)
 
 
+def test_a_flaw_of_several_kinds_says_how_many_of_each_and_on_which_side() -> None:
+    """A page said 97.2 % "does not look behind" above a chart with 80.4 %: the sum of three kinds, all on the right."""
+    (flaw,) = flaws_of(conducts(not_behind_right=25, cuts_in_right=5, not_beside_right=1, none_ahead=9))
+    assert flaw.detail == (
+        "In 25 it does not look behind, in 5 it cuts in and in 1 it does not look beside. "
+        "The other was on its right in 31 of 31."
+    )
+    assert flaws_of(conducts(brakes_late_ahead=30, none_ahead=70))[0].detail == ""
+    assert flaws_of(conducts(not_behind_right=7, not_behind_left=5))[0].detail == ""
+
+
 def test_the_sentence() -> None:
     late, nothing = conducts(brakes_late_ahead=30, none_ahead=70), conducts(none_ahead=70, hesitates_left=1)
     said = in_words(flaws_of(late), late, natural=False)

@@ -125,6 +125,16 @@ def test_what_is_said_beside_the_name() -> None:
     assert (late.at_start, late.av_changing, late.bv_changing, late.bv_start_after_av_s) == (False, False, False, None)
 
 
+def test_a_vehicle_that_turns_back_changes_lanes_until_it_is_farthest() -> None:
+    """It decides to turn back 3.1 s before the contact, and moves on into the AV's path: what is seen counts."""
+    scenario = scenario_of([Driver(0, 1, 30), Driver(27.5, 0, 25, ((0, 1), (3.0, 0)))])
+    frame, partner = scenario.contact()
+    target = scenario.target_lane.copy()
+    target[frame - 31 :, partner] = 0
+    found = mechanism_of(replace(scenario, target_lane=target))
+    assert (found.name, found.bv_changing) == ("av-rear-bv-cut-in", True)
+
+
 @pytest.mark.parametrize(("contact_at", "at_start"), [(3.9, True), (4.0, True), (4.1, False)])
 def test_the_start_ends_at_four_seconds(contact_at: float, at_start: bool) -> None:
     # closing at 10 m/s from 5 m more than `contact_at` needs; the boxes overlap in the frame after they touch

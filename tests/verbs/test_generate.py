@@ -134,7 +134,7 @@ def test_ctrl_c_exits_130_and_keeps_what_was_recorded(unbroken: Path, tmp_path: 
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert out == ""
-    assert err == "cornerforge: interrupted; what was finished is kept.\n"
+    assert err == "cornerforge: interrupted; what was finished is kept: the same command with --resume goes on.\n"
     kept = len(CaseLibrary.open(library))
     assert kept > 1000
     assert not CaseLibrary.open(library).finished

@@ -216,7 +216,10 @@ def test_a_kill_and_an_interrupt_lose_only_the_block_in_progress(
     kept = json.loads((out / "counts.json").read_text())["tests"]
     status, text = stopped(world["model"], out, signal.SIGINT, kept // 500 + 3)
     *stages, last = text.splitlines()
-    assert (status, last) == (130, "cornerforge: interrupted; what was finished is kept."), text
+    assert (status, last) == (
+        130,
+        "cornerforge: interrupted; what was finished is kept: the same command with --resume goes on.",
+    ), text
     assert all(line.startswith("stage ") for line in stages), text
     stopped_at = json.loads((out / "rate.json").read_text())
     assert stopped_at["state"] == "interrupted"

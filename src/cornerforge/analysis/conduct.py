@@ -43,7 +43,7 @@ from cornerforge.recordings import Recordings
 from cornerforge.road.straight import lane_centre, lane_of
 from cornerforge.types import FRAME_S, Odd
 
-__all__ = ["CONDUCTS", "CONDUCT_COLUMNS", "NO_CONDUCT", "Conduct", "conduct_of"]
+__all__ = ["CONDUCTS", "CONDUCT_COLUMNS", "IN_SHORT", "NO_CONDUCT", "Conduct", "conduct_of"]
 
 CONDUCTS: dict[str, str] = {
     "none": "nothing that is the AV's own doing",
@@ -60,6 +60,21 @@ CONDUCTS: dict[str, str] = {
     "reacts-late": "it brakes later or less than most models of a careful driver, which would have prevented the crash",
 }
 """Name and meaning of each conduct, by code."""
+IN_SHORT: dict[str, str] = {
+    "none": "nothing",
+    "hesitates": "hesitates",
+    "not-behind": "does not look behind",
+    "not-beside": "does not look beside",
+    "brakes-late": "brakes late",
+    "brakes-weakly": "brakes too weakly",
+    "stops-heeding": "forgets",
+    "does-not-brake": "does not brake",
+    "too-close": "keeps too close",
+    "cuts-in": "cuts in",
+    "brakes-hard": "brakes hard for nothing",
+    "reacts-late": "reacts late",
+}
+"""Each conduct in a few words, after "it"."""
 NO_CONDUCT = "none"
 _NONE, _HESITATES, _NOT_BEHIND, _NOT_BESIDE, _LATE, _WEAK, _STOPS, _NEVER, _CLOSE, _CUTS_IN, _HARD, _REACTS = range(
     len(CONDUCTS)

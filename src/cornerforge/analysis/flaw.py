@@ -6,13 +6,13 @@ one side; in lane changes the AV overlooked many vehicles behind it and none ahe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.analysis.conduct import CONDUCTS, NO_CONDUCT, Conduct
+from cornerforge.analysis.conduct import CONDUCTS, IN_SHORT, NO_CONDUCT, Conduct
 from cornerforge.intervals import share_interval
 from cornerforge.results.analysis import OwnDoing
 
@@ -60,12 +60,15 @@ class Flaw:
         cases: Rows of the cases, ascending.
         share: Share of all crashes, by weight, 0 to 1.
         interval95: Interval of the share.
+        detail: Sentences on what the cases show, each kind with its number, and on which side the other was where it
+            was nearly always the same; "" where that is one kind and no side.
     """
 
     name: str
     cases: NDArray[np.intp]
     share: float
     interval95: tuple[float, float]
+    detail: str
 
 
 def flaws_of(conduct: Conduct, weights: NDArray[np.float64] | None = None) -> list[Flaw]:
@@ -85,14 +88,30 @@ def flaws_of(conduct: Conduct, weights: NDArray[np.float64] | None = None) -> li
         if rows.size >= LEAST_CASES and share_interval(weight[rows], weight)[0] > LEAST_SHARE:
             name = _name(group, names, conduct, rows, weight)
             found[name] = np.union1d(found.get(name, rows), rows)
-    flaws = [_flaw(name, rows, weight) for name, rows in found.items()]
+    flaws = [_flaw(name, rows, weight, conduct) for name, rows in found.items()]
     return sorted(flaws, key=lambda flaw: -flaw.share)
 
 
-def _flaw(name: str, rows: NDArray[np.intp], weight: NDArray[np.float64]) -> Flaw:
+def _flaw(name: str, rows: NDArray[np.intp], weight: NDArray[np.float64], conduct: Conduct) -> Flaw:
     """Make a flaw of the cases that show it."""
     share = float(weight[rows].sum() / weight.sum())
-    return Flaw(name, rows, share, share_interval(weight[rows], weight))
+    return Flaw(name, rows, share, share_interval(weight[rows], weight), " ".join(_details(name, rows, conduct)))
+
+
+def _details(name: str, rows: NDArray[np.intp], conduct: Conduct) -> Iterator[str]:
+    """Say what the cases of a flaw are, and where the other was; both are counts of cases."""
+    codes, counts = np.unique(conduct.code[rows], return_counts=True)
+    if codes.size > 1:
+        order, words = np.argsort(-counts, kind="stable"), list(IN_SHORT.values())
+        yield f"{_in_row([f'in {counts[k]:,} it {words[codes[k]]}' for k in order])}.".capitalize()
+    for side, words_of_side in ((_LEFT, "left"), (_RIGHT, "right")):
+        beside = int((conduct.side[rows] == side).sum())
+        if rows.size >= _SIDED_CASES and beside >= _ONE_SIDE * rows.size and name not in ("not-left", "not-right"):
+            yield f"The other was on its {words_of_side} in {beside:,} of {rows.size:,}."
+
+
+def _in_row(parts: list[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
 def in_words(flaws: Sequence[Flaw], conduct: Conduct, *, natural: bool) -> str:
@@ -115,6 +134,7 @@ def in_words(flaws: Sequence[Flaw], conduct: Conduct, *, natural: bool) -> str:
         f"This AV {FLAWS[first.name]}, in {_percent(first.share)} of its {kind} (95 % interval "
         f"{_percent(low)} to {_percent(high)}; {first.cases.size:,} of {n:,} cases)."
     )
+    text += f" {first.detail}" if first.detail else ""
     if len(flaws) > 1:
         text += f" It also {'; '.join(f'{FLAWS[one.name]} ({_percent(one.share)})' for one in flaws[1:])}."
     return text

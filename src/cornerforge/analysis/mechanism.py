@@ -174,9 +174,9 @@ def _contact_kind(scenario: Scenario) -> str:
 def lane_changes_before(scenario: Scenario, frame: int, column: int) -> list[LaneChange]:
     """Find the lane changes that a vehicle is in at a frame, or ended at most 3 s before, the newest first.
 
-    An aborted lane change ends where the next one, back to the old lane, begins. Motion of less than `VISIBLE_M` is
-    none that a witness would see, and left out. Frames hold the target lane that was
-    decided at them, so a change decided at the start shows in frame 0.
+    An aborted lane change ends, and the one back begins, where the vehicle is farthest: it moves on for a while after
+    it has decided to turn back. Motion of less than `VISIBLE_M` is none that a witness would see, and left out. Frames
+    hold the target lane that was decided at them, so a change decided at the start shows in frame 0.
     """
     first = int(np.argmax(scenario.present[:, column]))
     target = scenario.target_lane[: frame + 1, column].astype(np.int64)
@@ -184,13 +184,19 @@ def lane_changes_before(scenario: Scenario, frame: int, column: int) -> list[Lan
     starts = (np.flatnonzero(np.diff(target[first:]) != 0) + first + 1).tolist()
     if abs(away[first]) > _SETTLED_M:
         starts.insert(0, first)
-    changes = []
-    for start, following in zip(starts, [*starts[1:], frame], strict=False):
-        settled = np.flatnonzero(np.abs(away[start : following + 1]) <= _SETTLED_M)
-        end = start + int(settled[0]) if settled.size else following
-        moved = float(np.ptp(scenario.y[start : end + 1, column]))
+    changes, farthest = [], 0
+    for k, decided in enumerate(starts):
+        following, after = (starts[i] if i < len(starts) else frame for i in (k + 1, k + 2))
+        side = 1 if away[decided] > 0.0 else -1
+        settled = np.flatnonzero(np.abs(away[decided : following + 1]) <= _SETTLED_M)
+        start = max(decided, farthest)
+        end = decided + int(settled[0]) if settled.size else following
+        if not settled.size and following < frame:
+            end = decided + int(np.argmax(side * scenario.y[decided : after + 1, column]))
+            farthest = end
+        moved = float(np.ptp(scenario.y[start : end + 1, column])) if end >= start else 0.0
         if (frame - end) * FRAME_S <= _RECENT_S and moved >= VISIBLE_M:
-            changes.append(LaneChange(start, end, int(target[start]), 1 if away[start] > 0.0 else -1))
+            changes.append(LaneChange(start, end, int(target[decided]), side))
     return changes[::-1]
 
 

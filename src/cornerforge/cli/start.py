@@ -110,6 +110,6 @@ def _run(given: list[str], call: Call) -> int:
         except KeyboardInterrupt:
             status = EXIT_INTERRUPTED
     if status == EXIT_INTERRUPTED:  # this is also how Typer reports Ctrl-C
-        kept = "; what was finished is kept" if _goes_on(given, call) else ""
+        kept = "; what was finished is kept: the same command with --resume goes on" if _goes_on(given, call) else ""
         typer.echo(f"cornerforge: interrupted{kept}.", err=True)
     return status if isinstance(status, int) else 0

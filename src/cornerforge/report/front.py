@@ -126,6 +126,7 @@ def _flaws(doing: OwnDoing, kind: str) -> str:
         f"In {text.share(first.share)} of its {kind} ({_range(*first.interval95)}; {text.count(first.cases)} of "
         f"n = {text.count(n)})."
     )
+    words += f" {first.detail}" if first.detail else ""
     if len(doing.flaws) > 1:
         words += f" It also {'; '.join(f'{FLAWS[one.flaw]} ({text.share(one.share)})' for one in doing.flaws[1:])}."
     return words

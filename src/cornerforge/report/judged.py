@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.analysis.avoidability import WayOut
-from cornerforge.analysis.conduct import CONDUCTS, NO_CONDUCT
+from cornerforge.analysis.conduct import CONDUCTS, IN_SHORT, NO_CONDUCT
 from cornerforge.analysis.prevented import NOT_JUDGED, PREVENTION
 from cornerforge.results import Analysed
 from cornerforge.results.analysis import FAULTS, Avoidability, Coverage, OwnDoing, Prevented
 
 __all__ = [
-    "BY_CAREFUL", "CONDUCT_WORDS", "FAULT_WORDS", "JUDGED", "PREVENTION_WORDS", "CaseJudgement", "avoided_kinds",
+    "BY_CAREFUL", "FAULT_WORDS", "JUDGED", "PREVENTION_WORDS", "CaseJudgement", "avoided_kinds",
     "conducts_in_words", "faults_in_words", "judgement_of", "kind_counts", "prevented_kinds", "read_case_judgements",
     "read_table", "verdict",
 ]  # fmt: skip
@@ -65,11 +65,6 @@ def avoided_kinds(found: Avoidability) -> dict[str, int]:
     return found.labels | ({"cannot be judged": found.not_judged} if found.not_judged else {})
 
 
-CONDUCT_WORDS = dict(zip(CONDUCTS, (
-    "nothing", "hesitates", "looks not behind", "looks not beside", "brakes late", "brakes too weakly", "forgets",
-    "does not brake", "too close", "cuts in", "brakes hard for nothing", "reacts late",
-), strict=True))  # fmt: skip
-"""Mistakes of the AV, in a few words."""
 PREVENTION_WORDS = dict(zip(PREVENTION, (
     "a careful driver, by braking", "a careful driver, by not beginning it", "another speed, by chance",
     "models of a careful driver differ", "no careful driver", "not judged",
@@ -77,7 +72,7 @@ PREVENTION_WORDS = dict(zip(PREVENTION, (
 """What would have prevented a crash, in a few words."""
 
 
-def conducts_in_words(found: OwnDoing, words: Mapping[str, str] = CONDUCT_WORDS) -> dict[str, int]:
+def conducts_in_words(found: OwnDoing, words: Mapping[str, str] = IN_SHORT) -> dict[str, int]:
     """Cases by what the AV did wrong, by names for people, most first."""
     return {words[name]: k for name, k in found.conducts.items()}
 

@@ -241,13 +241,14 @@ def _roles(artefacts: Artefacts) -> dict[str, dict[str, Any]]:
             roles[case] |= {"role": role, "rank": min(1, roles[case]["rank"]), "rare": True}
         else:
             roles[case] = {"group": "Rare: farthest from the others first", "role": "rare", "rank": 1, "rare": True}
+    road = artefacts.analysis.purpose == "road"
     for place, top in enumerate(artefacts.analysis.value.top, start=1):
-        role = f"number {place} by value"
+        role = f"number {place} to look at" if road else f"number {place} by value"
         if top.case_id in roles:
             roles[top.case_id] |= {"role": f"{role}; {roles[top.case_id]['role']}", "rank": -1, "top": place}
         else:
             roles[top.case_id] = {
-                "group": "Others of high value",
+                "group": "Others to look at" if road else "Others of high value",
                 "role": role,
                 "rank": -1,
                 "rare": False,

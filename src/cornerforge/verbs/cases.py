@@ -14,7 +14,7 @@ from cornerforge._extensions import extension
 from cornerforge._options import verb
 from cornerforge._schema import read
 from cornerforge.analysis.avoidability import AvoidParams, avoidability
-from cornerforge.analysis.stored import CASES_FILE, read_analysed
+from cornerforge.analysis.stored import CASE_COLUMNS, CASES_FILE, read_analysed
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import code_hash
@@ -231,9 +231,16 @@ def query(options: Query) -> Queried:
         columns, rows = run_sql(table, options.sql, seconds=options.seconds, megabytes=options.megabytes)
     else:
         _point_below(folder)
-        columns, rows = CaseLibrary.open(folder).query(
-            options.sql, seconds=options.seconds, megabytes=options.megabytes
-        )
+        library = CaseLibrary.open(folder)
+        try:
+            columns, rows = library.query(options.sql, seconds=options.seconds, megabytes=options.megabytes)
+        except InputError as error:
+            analysed = [column.name for column in CASE_COLUMNS if column.name not in library.columns]
+            asked = next((name for name in analysed if f'"{name}"' in str(error)), None)
+            if asked is None:
+                raise
+            hint = f'"{asked}" is a column of an analysis: cornerforge analyse {folder} --out NEW, then ask NEW.'
+            raise InputError(f"{error} {hint}") from error
     return Queried(columns=tuple(columns), rows=tuple(tuple(_plain(value) for value in row) for row in rows))
 
 

@@ -161,5 +161,8 @@ def serve_exhibit(exhibit: Exhibit, door: Door, up: Callable[[], None]) -> None:
 def _guarded(exhibit: Exhibit, door: Door) -> Guard:
     page = read_page()
     if "index.html" not in page:
-        raise OutputError("The explorer's page is not built here; build it with: make web")
+        raise OutputError(
+            "This installation lacks the explorer's page, which is built with Node.js: run `make web` in the checkout, "
+            "and install from there again. A wheel (`make wheel`) has it."
+        )
     return Guard(explorer_app(exhibit, page), door.hosts, door.token, door.port)

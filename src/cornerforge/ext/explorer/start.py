@@ -18,6 +18,7 @@ from cornerforge.ext.explorer.words import KINDS, VALUES
 from cornerforge.intervals import weighted_interval
 from cornerforge.report import text
 from cornerforge.report.judged import BY_CAREFUL
+from cornerforge.results.analysis import FlawShown
 
 __all__ = ["cards", "headline_of", "miles_of"]
 
@@ -152,17 +153,21 @@ def _own_doing(judged: Sequence[tuple[Source, Analysis]], table: CaseTable) -> d
             continue
         conduct = table.row(table.rows[source.name, case]).get("conduct")
         often = ""
-        if analysis.found.natural is not None and flaw.share > 0.0:
-            # The share's interval is the rate's interval over the rate of all.
-            low, share, high = flaw.interval95[0], flaw.share, flaw.interval95[1]
-            between = [
-                analysis.found.natural.all.miles_between / part if part > 0.0 else None for part in (share, high, low)
-            ]
-            often = _once_in(*between)
+        if source.natural:
+            often = _flaw_once_in(_Cases(table, source).numbers("often"), flaw)
         filters = {"f.source": source.name} | ({} if conduct is None else {"f.conduct": str(conduct)})
         told = text.sentence(doing.text)
         return _card(f"What this AV does wrong: it {FLAWS[flaw.flaw]}", f"{source.name}/{case}", told, often, filters)
     return None
+
+
+def _flaw_once_in(often: NDArray[np.float64], flaw: FlawShown) -> str:
+    """Say how many miles lie between two crashes that show a flaw, of natural cases that happen so often."""
+    known = often[often > 0.0]
+    if np.ptp(known) == 0.0:
+        return miles_of(known[: flaw.cases], float(known[0]))
+    ends = (flaw.share, flaw.interval95[1], flaw.interval95[0])  # the share's interval is that of its rate
+    return _once_in(*(_BILLION / (known.sum() * end) if end > 0.0 else None for end in ends))
 
 
 def _most_severe(cases: _Cases, but: str | None) -> dict[str, Any] | None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from cornerforge.report.judged import CONDUCT_WORDS, PREVENTION_WORDS
+from cornerforge.analysis.conduct import IN_SHORT
+from cornerforge.report.judged import PREVENTION_WORDS
 from cornerforge.report.kinds import KINDS
 
 __all__ = ["KINDS", "VALUES", "label_of"]
@@ -37,7 +38,7 @@ VALUES: dict[str, dict[str, str]] = {
         "head-on": "head-on",
     },
     "fault": {"av": "the AV", "bv": "the other", "both": "both", "none": "nobody"},
-    "conduct": dict(CONDUCT_WORDS),
+    "conduct": dict(IN_SHORT),
     "conduct_side": {"none": "ahead", "left": "left", "right": "right"},
     "bv_kind": {"car": "car", "truck": "truck", "motorcycle": "motorcycle"},
     "avoidability": {

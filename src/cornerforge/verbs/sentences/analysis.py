@@ -93,8 +93,8 @@ def judgement_text(r: Analysed) -> list[str]:
         f"kind {cover.unseen_kind_chance:.2g} (95 % interval {low:.2g} to {high:.2g})"
     )
     if r.value.top:
-        frequent = "typical of what happens most, " if r.purpose == "road" else ""
-        lines.append(f"Worth a look first ({frequent}value: case: what happened):")
+        which = "what shows a flaw, then what happens most; " if r.purpose == "road" else ""
+        lines.append(f"Worth a look first ({which}value: case: what happened):")
         lines += [f"  {one.value:.2f}: {one.case_id}: {one.text}" for one in r.value.top]
     return lines
 
