@@ -156,7 +156,9 @@ class FlawShown(Result):
         Interval, meant("Interval of `share`; of natural cases that of its rate over the rate of all (chance only).")
     ]
     typical: Annotated[tuple[str, ...], meant("Up to five case ids that show it, most valuable first.")]
-    detail: Annotated[str, meant("What its cases are, and on which side the other was, in sentences.")] = ""
+    detail: Annotated[
+        str | None, meant("What its cases are, if several kinds, and on which side the other was; missing: neither.")
+    ] = None
 
 
 class OwnDoing(Result):

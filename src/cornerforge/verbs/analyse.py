@@ -373,7 +373,7 @@ def _own_doing(
                 "share": flaw.share,
                 "interval95": list(flaw.interval95),
                 "typical": [found.case_ids[row] for row in ranked],
-                "detail": flaw.detail,
+                "detail": flaw.detail or None,
             }
         )
     text = in_words(flaws, conduct, natural=weights is not None)
