@@ -46,6 +46,9 @@ OUTPUTS = {
     "ndd validate MODEL --against PAIRS --format pairs --out": (FOLDER, ""),
     "ndd show --out": (FOLDER, ""),
     "ndd import DATA --out": (FILE, ".npz"),
+    "road import XODR --out": (FILE, ".json"),
+    "road check on-ramp --out": (FILE, ".json"),
+    "road show on-ramp --out": (FILE, ".svg"),
     "init my-av --out": (FILE, ".json"),
     "serve LIB --port 0 --out": (FILE, ".json"),
     "avs --out": (FILE, ".json"),
@@ -75,4 +78,5 @@ def stand_ins(folder: Path) -> dict[str, str]:
     return {
         "LIB": str(library), "CASE": case, "PAIRS": str(folder / "pairs.csv"), "TABLE": str(folder / "pairs.csv"),
         "MODEL": str(default_model_path()), "DATA": str(folder), "SQL": "select 1 from cases",
+        "XODR": str(Path(__file__).parent / "interchange" / "data" / "three_lanes.xodr"),
     }  # fmt: skip

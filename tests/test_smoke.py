@@ -65,6 +65,8 @@ SMOKE: dict[str, set[str]] = {
     },
     "ndd validate MODEL --against PAIRS --format pairs --miles 300": {"log_likelihood_per_decision", "passed"},
     "ndd show": set(),
+    "road check weaving": set(),
+    "road show curves": set(),
     "ndd import IVBSS --out m.npz": {"out"},
 }  # fmt: skip
 """Command lines and keys of their objects; one line at least for each verb."""
@@ -73,6 +75,7 @@ ELSEWHERE = {
     "reproduce": "tests/paper/test_reproduce.py",
     "plausibility": "tests/verbs",
     "check-av": "tests/foreign",
+    "road import": "tests/interchange/test_road_import.py",
 }
 """Verbs that take long or need processes, and where they are tested."""
 

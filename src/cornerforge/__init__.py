@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from cornerforge.ext.interchange.export import export
     from cornerforge.ext.interchange.from_data import cases_from_data
     from cornerforge.ext.interchange.import_cases import import_cases
+    from cornerforge.ext.interchange.roads import road_check, road_import, road_show
     from cornerforge.ext.paper.reproduce import reproduce
     from cornerforge.ext.pictures.figure import figure
     from cornerforge.ext.studies.plausibility import plausibility
@@ -44,9 +45,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "__version__", "analyse", "avs", "cases_from_data", "check_av", "drive_case", "engine", "export", "figure",
-    "generate", "import_cases", "init", "make_report", "migrate", "ndd_fit", "ndd_import", "ndd_show",
-    "ndd_validate", "plausibility", "query", "r157", "rate", "read_case_file", "replay", "reproduce", "retest",
-    "run", "serve", "shrink", "simulate", "suite_build", "train", "train_av", "variety", "verify", "write_case_file",
+    "generate", "import_cases", "init", "make_report", "migrate", "ndd_fit", "ndd_import", "ndd_show", "ndd_validate",
+    "plausibility", "query", "r157", "rate", "read_case_file", "replay", "reproduce", "retest", "road_check",
+    "road_import", "road_show", "run", "serve", "shrink", "simulate", "suite_build", "train", "train_av", "variety",
+    "verify", "write_case_file",
 ]  # fmt: skip
 
 __version__ = "0.1.0"
@@ -79,6 +81,9 @@ __getattr__ = door(
         "replay": "verbs.cases",
         "reproduce": "ext.paper.reproduce",
         "retest": "verbs.retest",
+        "road_check": "ext.interchange.roads",
+        "road_import": "ext.interchange.roads",
+        "road_show": "ext.interchange.roads",
         "run": "verbs.run",
         "serve": "ext.explorer.serve",
         "shrink": "verbs.shrink",

@@ -103,7 +103,7 @@ _PANELS = {
         "generate", "report", "serve", "replay", "query", "shrink", "figure", "export", "import", "cases", "verify",
         "migrate",
     ),
-    "Data and studies": ("ndd", "variety", "plausibility", "reproduce"),
+    "Data and studies": ("ndd", "road", "variety", "plausibility", "reproduce"),
 }  # fmt: skip
 """Commands on the first page, in its order."""
 
@@ -145,6 +145,7 @@ for _name, _help, _example in (
         "suite", "Small sets of cases to test every version of an AV with.",
         "suite build out/demo/library --out out/suite",
     ),
+    ("road", "Roads: curves, ramps, exits, lane drops, and roads from files.", "road show on-ramp"),
     ("cases", "Cases made of recorded traffic.", "cases from-data trajectories.csv --out out/moments"),
 ):  # fmt: skip
     _GROUPS[_name] = typer.Typer(

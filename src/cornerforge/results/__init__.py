@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from cornerforge.results.r157 import Regulated
     from cornerforge.results.reproduction import Reproduced
     from cornerforge.results.retest import Retested
+    from cornerforge.results.roads import RoadTold
     from cornerforge.results.stating import as_json, from_json
     from cornerforge.results.suite import SuiteBuilt
     from cornerforge.results.validation import NddValidated
@@ -60,6 +61,7 @@ __all__ = [
     "Reported",
     "Reproduced",
     "Retested",
+    "RoadTold",
     "RunDone",
     "Served",
     "ShrunkLibrary",
@@ -78,7 +80,7 @@ _PLACES = {
     "cases": ("Plausibility", "Queried", "Replayed", "ShrunkLibrary", "Varied"),
     "driving": ("Filled", "NaturalRate", "Simulated"), "imported": ("CasesFromData", "ImportedCases"),
     "learning": ("Trained", "TrainedAv"), "naturalistic": ("NddFitted", "NddImported", "NddShown"),
-    "r157": ("Regulated",), "reproduction": ("Reproduced",), "retest": ("Retested",),
+    "r157": ("Regulated",), "roads": ("RoadTold",), "reproduction": ("Reproduced",), "retest": ("Retested",),
     "stating": ("as_json", "from_json"), "suite": ("SuiteBuilt",), "validation": ("NddValidated",),
     "whole": (
         "Exported", "Figured", "Initialised", "Migrated", "Reported", "RunDone", "Served", "Verified",

@@ -93,6 +93,35 @@ class FromData(AvAloneOptions, Seeded, Watched):
     ] = None
 
 
+_ROAD = meant("on-ramp and the like, or a file of `road import`.", metavar="NAME|FILE")
+
+
+class RoadImport(Watched):
+    """Take a road of an OpenDRIVE file: curves, lanes that begin and end, speed limits."""
+
+    file: Annotated[Path | str, meant("OpenDRIVE 1.4 to 1.8.", metavar="FILE.xodr")] = field(kw_only=False)
+    out: Annotated[Path | str, meant("New road file, .json.")]
+    road: Annotated[str | None, meant("Id of the road in the file; by default the longest.")] = None
+    begin: Annotated[float, meant("From which s of it.", name="--from", low=0.0, high=1e6, unit="m")] = 0.0
+    end: Annotated[float | None, meant("To which s of it; by default to its end.", name="--to", low=0.0, high=1e6)] = (
+        None
+    )
+    against: Annotated[bool, meant("Take the lanes that are driven against its reference line.")] = False
+
+
+class RoadCheck(Watched):
+    """Look whether a road can be driven; exit status 1 if not."""
+
+    road: Annotated[Path | str, _ROAD] = field(kw_only=False)
+
+
+class RoadShow(Watched):
+    """Say how a road lies, lane by lane; draw it with --out."""
+
+    road: Annotated[Path | str, _ROAD] = field(kw_only=False)
+    out: Annotated[Path | str | None, meant("New picture, .png, .svg or .pdf.")] = None
+
+
 COMMANDS = (
     Command(
         Export, "ext.interchange.export:export", "ext.interchange.export:export_text",
@@ -112,5 +141,17 @@ COMMANDS = (
     Command(
         FromData, "ext.interchange.from_data:cases_from_data", "ext.interchange.from_data:from_data_text",
         ("cornerforge cases from-data trajectories.csv --out out/moments",), name="cases from-data",
+    ),
+    Command(
+        RoadImport, "ext.interchange.roads:road_import", "ext.interchange.roads:road_text",
+        ("cornerforge road import motorway.xodr --from 200 --to 1400 --out motorway.json",), name="road import",
+    ),
+    Command(
+        RoadCheck, "ext.interchange.roads:road_check", "ext.interchange.roads:road_text",
+        ("cornerforge road check motorway.json",), name="road check", fails="ext.interchange.roads:is_faulty",
+    ),
+    Command(
+        RoadShow, "ext.interchange.roads:road_show", "ext.interchange.roads:road_text",
+        ("cornerforge road show on-ramp --out on-ramp.png",), name="road show",
     ),
 )  # fmt: skip

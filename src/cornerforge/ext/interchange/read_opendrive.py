@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from cornerforge.errors import DataError
 from cornerforge.ext.interchange.xml_input import Element, read_xml
 
-__all__ = ["Frame", "Lane", "Road", "Roads", "frame_of", "read_opendrive"]
+__all__ = ["DRIVEN", "Frame", "Lane", "Piece", "Road", "Roads", "Section", "frame_of", "read_opendrive"]
 
 _Numbers = TypeVar("_Numbers", float, NDArray[np.float64])
 
-_DRIVEN = frozenset({
+DRIVEN = frozenset({
     "driving", "entry", "exit", "onRamp", "offRamp", "connectingRamp", "bus", "taxi", "HOV", "carpool", "mwyEntry",
     "mwyExit", "slipLane", "bidirectional",
 })  # fmt: skip
@@ -42,6 +42,7 @@ _WIDTHS = (2.5, 6.0)
 _STEP = 5.0
 """Distance of the places at which lanes are looked at [m]."""
 _WAYS = {"standard": 1, "reversed": -1, "both": 0}
+_UNITS = {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704}
 _JOINT = 1e-3
 """Gap between two pieces of a road that is none [m]."""
 _SAMPLES = 16
@@ -58,12 +59,16 @@ class Lane:
         kind: Its type.
         way: 1: its traffic goes as is usual on its side of the road, -1: the other way, 0: both ways.
         widths: (sOffset, a, b, c, d) of its width.
+        marks: (sOffset, type, laneChange) of the line at its outer side.
+        limits: (sOffset, m/s) of its speed limit.
     """
 
     ident: int
     kind: str
     way: int
     widths: tuple[tuple[float, float, float, float, float], ...]
+    marks: tuple[tuple[float, str, str], ...] = ()
+    limits: tuple[tuple[float, float], ...] = ()
 
     def width(self, ds: float) -> float:
         """Width of the lane at `ds` after the begin of its section [m]."""
@@ -74,14 +79,17 @@ class Lane:
 
 
 @dataclass(frozen=True, slots=True)
-class _Section:
+class Section:
+    """Lanes from a place on [m]: its line in the file, the lanes by id, and the marks of the middle line."""
+
     s: float
     line: int
     lanes: dict[int, Lane]
+    middle: tuple[tuple[float, str, str], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class _Piece:
+class Piece:
     """A piece of a reference line: where it begins, how far it leaves its straight line, its smallest radius [m]."""
 
     s: float
@@ -93,9 +101,11 @@ class _Piece:
     off: float
     radius: float
     line: int
+    shape: Element
 
     @property
     def straight(self) -> bool:
+        """Is it as good as straight?"""
         return self.off < _FLAT
 
     def where(self, x: float, y: float) -> tuple[float, float]:
@@ -119,6 +129,8 @@ class Road:
         sections: Its lanes, by s.
         offsets: Offsets of its lanes from the reference line, as (s, a, b, c, d).
         besides: What else stands in it and moves nothing here, for notes.
+        limits: (s, m/s) of its speed limit, where lanes have none.
+        leans: Line of its superelevation in the file; 0: it has none.
     """
 
     ident: str
@@ -126,12 +138,14 @@ class Road:
     length: float
     junction: str
     left_hand: bool
-    pieces: tuple[_Piece, ...]
-    sections: tuple[_Section, ...]
+    pieces: tuple[Piece, ...]
+    sections: tuple[Section, ...]
     offsets: tuple[tuple[float, float, float, float, float], ...]
     besides: tuple[str, ...]
+    limits: tuple[tuple[float, float], ...]
+    leans: int
 
-    def section(self, s: float) -> _Section:
+    def section(self, s: float) -> Section:
         """The section of lanes at s."""
         return self.sections[max(0, bisect_right(self.sections, s, key=lambda p: p.s) - 1)]
 
@@ -141,7 +155,7 @@ class Road:
         False: it does not exist.
         """
         lane = self.section(s).lanes.get(ident)
-        if lane is None or lane.kind not in _DRIVEN or lane.width(s - self.section(s).s) <= 1.0:
+        if lane is None or lane.kind not in DRIVEN or lane.width(s - self.section(s).s) <= 1.0:
             return False
         usual = (1 if ident > 0 else -1) * (1 if self.left_hand else -1)
         return 0 in (way, lane.way) or lane.kind == "bidirectional" or usual * lane.way == way
@@ -186,7 +200,7 @@ class _Spot:
     """A place in a lane of a straight piece, and which way one looks there: along s (1) or against it (-1)."""
 
     road: Road
-    piece: _Piece
+    piece: Piece
     s: float
     t: float
     lane: int
@@ -223,7 +237,7 @@ class Roads:
     def at(self, x: float, y: float) -> str:
         """Say what of the file is nearest to a point of the world, with its line, for messages."""
 
-        def off(piece: _Piece) -> float:
+        def off(piece: Piece) -> float:
             s, t = piece.where(x, y)
             return math.hypot(t, max(piece.s - s, s - piece.s - piece.length, 0.0))
 
@@ -409,8 +423,18 @@ def _road(element: Element) -> Road:
     return Road(
         element.string("id"), element.line, length, "" if junction == "-1" else junction[:40],
         element.attributes.get("rule", "RHT") == "LHT", tuple(pieces), tuple(sections), tuple(offsets),
-        tuple(_besides(element)),
+        tuple(_besides(element)), tuple(sorted(
+            (part.number("s", 0.0, low=0.0, high=1e6), limit) for part in element.all("type")
+            for _, limit in _limits(part, "s")
+        )), _leans(element),
     )  # fmt: skip
+
+
+def _leans(element: Element) -> int:
+    """Line of the first superelevation that is not 0; 0: there is none."""
+    holder = element.child("lateralProfile")
+    parts = holder.all("superelevation") if holder is not None else ()
+    return next((part.line for part in parts if any(_polynomial(part, "s")[1:])), 0)
 
 
 def _besides(element: Element) -> Iterator[str]:
@@ -433,7 +457,7 @@ def _polynomial(element: Element, begin: str) -> tuple[float, float, float, floa
     return element.number(begin, 0.0, low=0.0, high=1e6, unit="m"), a, b, c, d
 
 
-def _section(element: Element) -> _Section:
+def _section(element: Element) -> Section:
     lanes: dict[int, Lane] = {}
     for side, sign in (("left", 1), ("right", -1)):
         part = element.child(side)
@@ -449,22 +473,44 @@ def _section(element: Element) -> _Section:
             way = _WAYS.get(lane.attributes.get("direction", "standard"))
             if way is None:
                 lane.fault(f'lane {ident} has direction "{lane.string("direction")[:40]}"')
-            lanes[ident] = Lane(ident, lane.string("type", "none"), way, widths)
+            lanes[ident] = Lane(ident, lane.string("type", "none"), way, widths, _marks(lane), _limits(lane, "sOffset"))
         count = sum(k * sign > 0 for k in lanes)
         missing = next((sign * k for k in range(1, count + 1) if sign * k not in lanes), None)
         if missing is not None:
             element.fault(f"lane {missing} is missing")
-    return _Section(element.number("s", low=0.0, high=1e6, unit="m"), element.line, lanes)
+    middle = element.child("center", "lane")
+    marks = () if middle is None else _marks(middle)
+    return Section(element.number("s", low=0.0, high=1e6, unit="m"), element.line, lanes, marks)
 
 
-def _piece(element: Element) -> _Piece:
+def _marks(lane: Element) -> tuple[tuple[float, str, str], ...]:
+    """(sOffset, type, laneChange) of the lines along a lane's outer side."""
+    return tuple(sorted(
+        (mark.number("sOffset", 0.0, low=0.0, high=1e6), mark.string("type", "none"), mark.string("laneChange", ""))
+        for mark in lane.all("roadMark")
+    ))  # fmt: skip
+
+
+def _limits(holder: Element, begin: str) -> tuple[tuple[float, float], ...]:
+    """(place, m/s) of speed limits; what is no number, such as "no limit", is none."""
+    found = []
+    for speed in holder.all("speed"):
+        if speed.string("max").replace(".", "", 1).isdigit():
+            unit = _UNITS.get(speed.string("unit", "m/s"))
+            if unit is None:
+                speed.fault(f'its unit is "{speed.string("unit")[:20]}"; m/s, km/h and mph are known')
+            found.append((speed.number(begin, 0.0, low=0.0, high=1e6), unit * speed.number("max", low=0.0, high=1e3)))
+    return tuple(sorted(found))
+
+
+def _piece(element: Element) -> Piece:
     s, length = (element.number(name, low=0.0, high=1e6, unit="m") for name in ("s", "length"))
     x, y = (element.number(name, low=-_FARTHEST, high=_FARTHEST, unit="m") for name in "xy")
     heading = element.number("hdg", low=-1e3, high=1e3, unit="rad")
     shape = next(iter(element.all("line", "arc", "spiral", "poly3", "paramPoly3")), None)
     if shape is None:
         element.fault("this geometry is no line, arc, spiral, poly3 or paramPoly3")
-    return _Piece(s, x, y, heading, length, *_bend(shape, length), element.line)
+    return Piece(s, x, y, heading, length, *_bend(shape, length), element.line, shape)
 
 
 def _bend(shape: Element, length: float) -> tuple[str, float, float]:

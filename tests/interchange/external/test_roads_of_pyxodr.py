@@ -1,0 +1,74 @@
+"""Another reader of OpenDRIVE sees the lanes of a road where `road import` puts them, within 5 cm.
+
+It needs an environment of its own (`make test-interchange` makes it and names its Python in ASAM_PYTHON).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cornerforge.ext.interchange.road_import import road_of_opendrive
+
+pytestmark = pytest.mark.interchange
+
+REFEREE = Path(__file__).with_name("pyxodr_referee.py")
+WITHIN = 0.05
+LANE = (
+    '<lane id="{}" type="{}"><width sOffset="0" a="{}" b="0" c="0" d="0"/><roadMark sOffset="0" type="broken"/></lane>'
+)
+# Line, clothoid, arc, clothoid, and a cubic; lanes 3.5, 3.75 and, from 200 to 500 m, 3.25 m wide.
+GEOMETRY = """
+<geometry s="0" x="100" y="-40" hdg="0.7" length="150"><line/></geometry>
+<geometry s="150" x="{0[0]!r}" y="{0[1]!r}" hdg="{0[2]!r}" length="120">
+<spiral curvStart="0" curvEnd="0.0015"/></geometry>
+<geometry s="270" x="{1[0]!r}" y="{1[1]!r}" hdg="{1[2]!r}" length="250"><arc curvature="0.0015"/></geometry>
+<geometry s="520" x="{2[0]!r}" y="{2[1]!r}" hdg="{2[2]!r}" length="200">
+<paramPoly3 pRange="arcLength" aU="0" bU="1" cU="0" dU="0" aV="0" bV="0" cV="0.0004" dV="-0.000001"/></geometry>
+"""
+
+
+def geometry() -> str:
+    """Where each piece begins, by summing up 1 mm steps."""
+    s = np.arange(0.0, 520.0, 1e-3)
+    bend = np.interp(s, [0.0, 150.0, 270.0, 520.0], [0.0, 0.0, 0.0015, 0.0015])
+    heading = 0.7 + np.concatenate([[0.0], np.cumsum(0.5 * (bend[1:] + bend[:-1]) * 1e-3)])
+    x = 100.0 + np.concatenate([[0.0], np.cumsum(np.cos(heading[:-1]) * 1e-3)])
+    y = -40.0 + np.concatenate([[0.0], np.cumsum(np.sin(heading[:-1]) * 1e-3)])
+    begins = [(float(x[k]), float(y[k]), float(heading[k])) for k in (150_000, 270_000, s.size - 1)]
+    return GEOMETRY.format(*begins)
+
+
+def section(s: float, *lanes: tuple[str, float]) -> str:
+    right = "".join(LANE.format(-k, kind, width) for k, (kind, width) in enumerate(lanes, start=1))
+    return f'<laneSection s="{s}"><center><lane id="0" type="none"/></center><right>{right}</right></laneSection>'
+
+
+def test_its_lanes_lie_where_ours_do(tmp_path: Path) -> None:
+    python = os.environ.get("ASAM_PYTHON", "")
+    if not python:
+        pytest.skip("ASAM_PYTHON names no environment; run `make test-interchange`")
+    two, entry = (("driving", 3.5), ("driving", 3.75)), ("entry", 3.25)
+    file = tmp_path / "road.xodr"
+    file.write_text(
+        f'<OpenDRIVE><header revMajor="1" revMinor="6"/><road id="1" length="720" junction="-1" name="r"><link/>'
+        f"<planView>{geometry()}</planView><lanes>{section(0, *two)}{section(200, *two, entry)}{section(500, *two)}"
+        f"</lanes></road></OpenDRIVE>",
+        encoding="utf-8",
+    )
+    done = subprocess.run([python, str(REFEREE), str(file)], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    road = road_of_opendrive(file)
+    slots = {-1: 2, -2: 1, -3: 0}
+    seen = json.loads(done.stdout)
+    assert sorted(one["lane"] for one in seen) == [-3, -2, -2, -2, -1, -1, -1]
+    for one in seen:
+        x, y = np.array(one["points"])[1:-1].T
+        s, d = road.line.project(x, y)
+        np.testing.assert_allclose(d, road.centres[slots[one["lane"]]], atol=WITHIN)
+        assert all(road.lane_at(slots[one["lane"]], place) is not None for place in s.tolist())
