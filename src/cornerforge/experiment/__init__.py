@@ -2,12 +2,12 @@
 
 `setting.experiment` makes an `experiments.Experiment` of names and files; `counting` drives and counts its tests,
 `forecast` says how long that takes. `av_file` and `policy_file` are the files of networks; `output` says what may be
-written where, and writes files whole.
+written where, and writes files whole; `roads` finds roads by name or file.
 """
 
 from __future__ import annotations
 
 __all__: list[str] = []
 
-MODULES = ("av_file", "counting", "experiments", "forecast", "output", "policy_file", "setting")
+MODULES = ("av_file", "counting", "experiments", "forecast", "output", "policy_file", "roads", "setting")
 """Modules from which other rooms import too."""
