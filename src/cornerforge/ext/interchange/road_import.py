@@ -20,8 +20,8 @@ from cornerforge.ext.interchange.read_opendrive import DRIVEN, Lane, Section, re
 from cornerforge.ext.interchange.read_opendrive import Piece as TheirPiece
 from cornerforge.ext.interchange.read_opendrive import Road as TheirRoad
 from cornerforge.ext.interchange.slots import FULL, Seen, slots_of
-from cornerforge.road import network
-from cornerforge.road.network import LaneKind
+from cornerforge.road.network import Lane as OurLane
+from cornerforge.road.network import LaneKind, Road, faults_of
 from cornerforge.road.reference import Piece, ReferenceLine
 
 __all__ = ["road_of_opendrive"]
@@ -39,7 +39,7 @@ _KINDS: dict[str, LaneKind] = {
 
 def road_of_opendrive(
     path: Path, *, ident: str | None = None, begin: float = 0.0, end: float | None = None, against: bool = False
-) -> network.Road:
+) -> Road:
     """Take one road of a file.
 
     Args:
@@ -81,7 +81,7 @@ class _Taken:
     def fault(self, line: int, what: str) -> DataError:
         return DataError(f"{self.file}, line {line}: {what}.")
 
-    def road(self) -> network.Road:
+    def road(self) -> Road:
         theirs = self.theirs
         if theirs.leans:
             raise self.fault(theirs.leans, f"road {theirs.ident} leans (superelevation), which is not represented")
@@ -90,8 +90,8 @@ class _Taken:
         centres, lanes, width = self._lanes()
         notes = tuple(f"road {theirs.ident}: {note}" for note in theirs.besides)
         name = f"{Path(self.file).stem} {theirs.ident}"
-        road = network.Road(name, pieces, length, width, centres, lanes, notes)
-        if faults := network.faults_of(road):
+        road = Road(name, pieces, length, width, centres, lanes, notes)
+        if faults := faults_of(road):
             raise self.fault(theirs.line, f"road {theirs.ident} cannot be driven: {'; '.join(faults)}")
         return road
 
@@ -154,7 +154,7 @@ class _Taken:
         places = sorted({place for place in [*even, *changes] if self.begin <= place <= self.end})
         return places[::-1] if self.against else places
 
-    def _lanes(self) -> tuple[tuple[float, ...], tuple[network.Lane, ...], float]:
+    def _lanes(self) -> tuple[tuple[float, ...], tuple[OurLane, ...], float]:
         """Middles of the slots, the lanes in them, and the width of a slot in the simulator."""
         places = self._places()
         rows = [self._seen(place) for place in places]
