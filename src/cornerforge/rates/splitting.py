@@ -133,6 +133,7 @@ class Splitting:
             about = f" (first guess: {guess:.1g})" if guess > 0.0 else ""
             self._progress(f"learn what is dangerous{about}", done, TEACHING_TREES)
 
+        tell(0)  # the first trees know nothing and may take minutes
         taught = teach(
             self._run.setting,
             self._run.slots,

@@ -32,7 +32,7 @@ __all__ = ["rate", "rate_without_copies", "why_only_counting"]
 PLAIN_TESTS = 4 * BLOCK
 """Plain tests that trees begin with: kinds of crash that a network does not know show there, if they are frequent."""
 _TREES_TAKE_S = 300.0
-_TREES_TAKE_TESTS = 1_000_000
+TREES_TAKE_TESTS = 1_000_000
 """For an AV from outside: so many plain tests last as long."""
 _MANY_TESTS = 10_000_000
 _NO_CRASH = "no tree found a crash, so rate and interval are those of the plain tests"
@@ -146,7 +146,7 @@ def _why_counting(run: Experiment, counts: MonteCarlo, target: float) -> str | N
     if counts.av_crashes < ENOUGH_TO_FORESEE or width is None:
         return None
     cost, unit = run.cost(counts.cpu_seconds, counts.seconds)
-    trees = _TREES_TAKE_S if run.asked is None else cost / counts.valid_tests * _TREES_TAKE_TESTS
+    trees = _TREES_TAKE_S if run.asked is None else cost / counts.valid_tests * TREES_TAKE_TESTS
     takes = cost * (width / target) ** 2
     return None if takes > trees else f"plain tests will take about {takes:.0f} s {unit}, trees {trees:.0f} s or more"
 
