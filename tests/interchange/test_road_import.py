@@ -147,6 +147,8 @@ def test_the_commands(merging: Path, tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["road", "show", str(out), "--out", str(tmp_path / "road.svg"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["files"] == [str(tmp_path / "road.svg")]
     assert (tmp_path / "road.svg").read_text(encoding="utf-8").count("<path") > 10
+    assert main(["road", "show", str(out), "--out", str(tmp_path / "road.txt")]) == 2
+    assert "neither in .png nor in .svg" in capsys.readouterr().err
     content = json.loads(out.read_text(encoding="utf-8"))
     del content["sha256"], content["lanes"][1:]
     out.write_text(json.dumps(content), encoding="utf-8")

@@ -29,6 +29,7 @@ def test_a_lane_ends_where_nothing_follows_it() -> None:
     before = works.lane_at(2, 100.0)
     assert before is not None
     assert [one.kind for one in works.next_lanes(before)] == ["closed"]
+    assert [works.ends_ahead(2, s) for s in (100.0, 800.0, 1500.0)] == [600.0, 0.0, float("inf")]
     assert works.lane_at(3, 0.0) is None
 
 
@@ -54,6 +55,14 @@ def test_what_is_left_of_a_curve_to_the_left_is_nearer_to_its_middle() -> None:
     s = np.array([500.0, 510.0])
     ways = [float(np.hypot(*np.diff(np.stack(road.pose_at(s, y)[:2]))[:, 0])) for y in (1.83, 9.15)]
     assert ways[0] / ways[1] == pytest.approx((1000.0 + 9.15) / (1000.0 + 1.83), rel=1e-5)
+
+
+def test_a_closed_lane_without_one_beside_it_is_a_dead_end() -> None:
+    road = replace(road_named("straight"), centres=(-1.83,))
+    road = replace(road, lanes=(Lane(0, 0.0, 900.0), Lane(0, 900.0, 2000.0, "closed")))
+    assert "no lane beside it goes on" in " ".join(faults_of(road))
+    wide = replace(road, centres=tuple(-3.66 * k for k in range(7, 0, -1)))
+    assert "7 lanes side by side" in " ".join(faults_of(wide))
 
 
 FAULTS = {

@@ -72,3 +72,9 @@ def test_pieces_out_of_order_are_refused() -> None:
         ReferenceLine((Piece(0.0, 0.0, 0.0, 0.0), Piece(0.0, 1.0, 0.0, 0.0)), 10.0)
     with pytest.raises(InputError, match="begin at 0"):
         ReferenceLine((), 10.0)
+    with pytest.raises(InputError, match="begin at 0"):
+        ReferenceLine((Piece(0.0, 0.0, 0.0, 0.0),), float("nan"))
+    with pytest.raises(InputError, match="not finite"):
+        ReferenceLine((Piece(0.0, 0.0, float("nan"), 0.0),), 10.0)
+    with pytest.raises(InputError, match="full circle"):
+        ReferenceLine((Piece(0.0, 0.0, 0.0, 0.0, 100.0),), 1e6)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cornerforge.errors import InputError, UnknownNameError
+from cornerforge.errors import FileFormatError, InputError, UnknownNameError
 from cornerforge.results.stating import as_json, from_file
 from cornerforge.road.network import Road, faults_of
 from cornerforge.road.shipped import SHIPPED
@@ -24,7 +24,12 @@ def read_road(name: str | Path) -> Road:
         return SHIPPED[str(name)]()
     if not Path(name).is_file():
         raise UnknownNameError("road", str(name), SHIPPED)
-    return from_file(Road, Path(name), "cornerforge road import")
+    road = from_file(Road, Path(name), "cornerforge road import")
+    try:
+        road.line  # noqa: B018
+    except InputError as error:
+        raise FileFormatError(f"{name}: {error} Write it again with: cornerforge road import") from error
+    return road
 
 
 def road_named(name: str | Path) -> Road:

@@ -33,6 +33,7 @@ LANE_KINDS: dict[LaneKind, str] = {
 """Kind of a lane, and what that means."""
 _WIDTHS = (2.0, 6.0)
 """Widths of lanes that can be driven [m]."""
+_MOST_SLOTS = 6
 _GAP, _KINK = 0.05, 0.02
 """A reference line may have gaps and kinks of so much [m, rad]."""
 _TIGHTEST = 100.0
@@ -64,7 +65,7 @@ class Lane:
         left, right: Lines at its sides, by s; empty: may be crossed all along.
     """
 
-    slot: Annotated[int, meant("Place from the right edge, from 0.", low=0, high=5)]
+    slot: Annotated[int, meant("Place from the right edge, from 0.", low=0, high=_MOST_SLOTS - 1)]
     begin: Annotated[float, meant("Where it begins to have its full width.", "m")]
     end: Annotated[float, meant("Where it ceases to.", "m")]
     kind: Annotated[LaneKind, meant("; ".join(f"{name}: {what}" for name, what in LANE_KINDS.items()) + ".")] = (
@@ -117,20 +118,24 @@ class Road:
         return next((lane for lane in self.lanes if lane.slot == slot and lane.begin <= s <= lane.end), None)
 
     def next_lanes(self, lane: Lane) -> tuple[Lane, ...]:
-        """Give the lanes into which a lane goes on where it ends; none: its traffic must have left it by then."""
+        """Give the lanes that follow in its slot where a lane ends, closed ones too."""
         return tuple(one for one in self.lanes if one.slot == lane.slot and one.begin == lane.end)
 
     def ends_ahead(self, slot: int, s: float) -> float:
-        """Say how far it is from s to where the lanes of a slot end [m]; inf: they do not; 0: there is none at s."""
+        """Say how far one may drive in a slot from s [m]; inf: to the road's end; 0: there is no open lane."""
         lane = self.lane_at(slot, s)
-        while lane is not None:
-            if lane.end >= self.length:
-                return float("inf")
-            after = self.next_lanes(lane)
-            if not after:
+        if lane is None or lane.kind == "closed":
+            return 0.0
+        while lane.end < self.length:
+            after = self.open_after(lane)
+            if after is None:
                 return lane.end - s
-            lane = after[0]
-        return 0.0
+            lane = after
+        return float("inf")
+
+    def open_after(self, lane: Lane) -> Lane | None:
+        """Give the lane that may be driven where a lane ends; None: its traffic must have left it by then."""
+        return next((one for one in self.next_lanes(lane) if one.kind != "closed"), None)
 
     def aside(self, y: ArrayLike) -> NDArray[np.float64]:
         """Turn y of the simulator [m] into metres left of the reference line."""
@@ -163,24 +168,26 @@ def _between(at: NDArray[np.float64], known: NDArray[np.float64], given: NDArray
 def faults_of(road: Road) -> list[str]:
     """Say what is wrong with a road, a sentence each; none: it can be driven."""
     found = []
+    if road.line.tightest < _TIGHTEST:
+        found.append(f"its tightest curve has a radius of {road.line.tightest:.0f} m; {_TIGHTEST:.0f} m are the least")
+    if not 1 <= road.slots <= _MOST_SLOTS:
+        found.append(f"it has {road.slots} lanes side by side; 1 to {_MOST_SLOTS} can be driven")
     for k, (gap, kink) in enumerate(road.line.gaps.tolist(), start=1):
         if gap > _GAP or kink > _KINK:
             place = f"at s = {road.pieces[k].s:.1f} m"
             found.append(f"the reference line has a gap of {gap:.2f} m and a kink of {kink:.3f} rad {place}")
-    if road.line.tightest < _TIGHTEST:
-        found.append(f"its tightest curve has a radius of {road.line.tightest:.0f} m; {_TIGHTEST:.0f} m are the least")
     widths = np.diff(road.centres)
     if not _WIDTHS[0] <= road.lane_width <= _WIDTHS[1]:
         found.append(f"its lanes are {road.lane_width:.2f} m wide; {_WIDTHS[0]:g} to {_WIDTHS[1]:g} m can be driven")
-    if len(road.centres) == 0 or (widths < _WIDTHS[0]).any() or (widths > _WIDTHS[1]).any():
+    if (widths < _WIDTHS[0]).any() or (widths > _WIDTHS[1]).any():
         found.append(f"its lanes lie {', '.join(f'{w:.2f}' for w in widths)} m apart; {_WIDTHS[0]:g} to {_WIDTHS[1]:g}")
     for lane in road.lanes:
         named = f"the lane in slot {lane.slot} from {lane.begin:.0f} to {lane.end:.0f} m"
         if not 0 <= lane.slot < road.slots or not 0.0 <= lane.begin < lane.end <= road.length:
             found.append(f"{named} lies outside the road")
-        elif lane.end < road.length and lane.kind != "deceleration" and not road.next_lanes(lane):
-            beside = [road.lane_at(lane.slot + side, lane.end) for side in (-1, 1)]
-            if not any(one is not None and one.kind != "closed" and one.end > lane.end for one in beside):
+        elif lane.end < road.length and lane.kind in ("through", "acceleration") and road.open_after(lane) is None:
+            beside = [one for one in road.lanes if abs(one.slot - lane.slot) == 1 and one.kind != "closed"]
+            if not any(one.begin <= lane.end < one.end for one in beside):
                 found.append(f"{named} ends, and no lane beside it goes on")
     for slot in range(road.slots):
         ends = [(lane.begin, lane.end) for lane in road.lanes if lane.slot == slot]

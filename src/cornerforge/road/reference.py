@@ -17,7 +17,7 @@ import numpy as np
 from cornerforge.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -26,6 +26,7 @@ __all__ = ["Piece", "Pose", "ReferenceLine"]
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)
 _MOST_TURN = 1.0
 """A piece that turns by more is divided [rad]."""
+_CIRCLE = 2.0 * np.pi
 _STEP = 2.0
 """Distance of the places among which the one nearest to a point is looked for [m]."""
 _ROUNDS = 12
@@ -100,21 +101,30 @@ class ReferenceLine:
         """Check it.
 
         Raises:
-            InputError: There is no piece, the first does not begin at 0, or they are not in order.
+            InputError: There is no piece, the first does not begin at 0, they are not in order, a number is not finite,
+                or one turns by more than a full circle.
         """
         begins = [piece.s for piece in self.pieces]
-        if not begins or begins[0] != 0.0 or any(np.diff([*begins, self.length]) <= 0.0):
+        if not begins or begins[0] != 0.0 or not all(length > 0.0 for length in np.diff([*begins, self.length])):
             raise InputError("A reference line needs pieces that begin at 0 and follow each other.")
+        if not np.isfinite([self.length, *itertools.chain(*self.pieces)]).all():
+            raise InputError("A number of the reference line is not finite.")
+        for piece, length in self._lengths():
+            if _turn(piece, length) > _CIRCLE:
+                raise InputError(f"The reference line turns by more than a full circle in one piece, at {piece.s:g} m.")
+
+    def _lengths(self) -> Iterator[tuple[Piece, float]]:
+        """Go through the pieces, each with its length."""
+        ends = [*(piece.s for piece in self.pieces[1:]), self.length]
+        return ((piece, end - piece.s) for piece, end in zip(self.pieces, ends, strict=True))
 
     @cached_property
     def _table(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Pieces (P, 6), none of which turns much, and the length of each (P,)."""
         rows: list[tuple[float, ...]] = []
         lengths: list[float] = []
-        for piece, end in zip(self.pieces, [*(piece.s for piece in self.pieces[1:]), self.length], strict=True):
-            length = end - piece.s
-            turn = abs(piece.curvature) * length + 0.5 * abs(piece.change) * length * length
-            n = max(1, int(np.ceil(turn / _MOST_TURN)))
+        for piece, length in self._lengths():
+            n = max(1, int(np.ceil(_turn(piece, length) / _MOST_TURN)))
             row = np.array([piece], np.float64)
             for k in range(n):
                 rows.append(tuple(row[0]))
@@ -174,7 +184,7 @@ class ReferenceLine:
 
     @property
     def gaps(self) -> NDArray[np.float64]:
-        """How far each piece begins from where the one before ends, and how it turns there, (P - 1, 2) [m, rad]."""
+        """Gap and kink between each piece and the one before, (P - 1, 2) [m, rad]."""
         found = []
         for before, after in itertools.pairwise(self.pieces):
             end = ReferenceLine((before._replace(s=0.0),), after.s - before.s).at(after.s - before.s)
@@ -185,9 +195,13 @@ class ReferenceLine:
     @property
     def tightest(self) -> float:
         """Radius of its tightest place [m]; inf: it is straight."""
-        table, lengths = self._table
-        bend = max(np.abs(table[:, 4]).max(), np.abs(table[:, 4] + table[:, 5] * lengths).max())
-        return float("inf") if bend == 0.0 else float(1.0 / bend)
+        bend = max(max(abs(one.curvature), abs(one.curvature + one.change * length)) for one, length in self._lengths())
+        return float("inf") if bend == 0.0 else 1.0 / bend
+
+
+def _turn(piece: Piece, length: float) -> float:
+    """Say by how much a piece turns at most, there and back counted together [rad]."""
+    return abs(piece.curvature) * length + 0.5 * abs(piece.change) * length * length
 
 
 def _go(row: NDArray[np.float64], u: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:

@@ -164,6 +164,8 @@ def _own_doing(judged: Sequence[tuple[Source, Analysis]], table: CaseTable) -> d
 def _flaw_once_in(often: NDArray[np.float64], flaw: FlawShown) -> str:
     """Say how many miles lie between two crashes that show a flaw, of natural cases that happen so often."""
     known = often[often > 0.0]
+    if known.size == 0:
+        return ""
     if np.ptp(known) == 0.0:
         return miles_of(known[: flaw.cases], float(known[0]))
     ends = (flaw.share, flaw.interval95[1], flaw.interval95[0])  # the share's interval is that of its rate

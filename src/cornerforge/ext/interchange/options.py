@@ -119,7 +119,7 @@ class RoadShow(Watched):
     """Say how a road lies, lane by lane; draw it with --out."""
 
     road: Annotated[Path | str, _ROAD] = field(kw_only=False)
-    out: Annotated[Path | str | None, meant("New picture, .png, .svg or .pdf.")] = None
+    out: Annotated[Path | str | None, meant("New picture, .png or .svg.")] = None
 
 
 COMMANDS = (

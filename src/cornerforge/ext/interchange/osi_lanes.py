@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cornerforge.errors import DataError
 from cornerforge.ext.interchange.osi_trace import POSITION_X, POSITION_Y, SPEED_X, SPEED_Y, YAW
-from cornerforge.ext.interchange.read_opendrive import Frame
+from cornerforge.ext.interchange.straight_frame import Frame
 from cornerforge.types import MAX_LANES
 
 __all__ = ["frame_of_traffic"]

@@ -35,7 +35,8 @@ from cornerforge.ext.interchange.osi_trace import (
     Trace,
     read_trace,
 )
-from cornerforge.ext.interchange.read_opendrive import Frame, frame_of, read_opendrive
+from cornerforge.ext.interchange.read_opendrive import read_opendrive
+from cornerforge.ext.interchange.straight_frame import Frame, frame_of
 from cornerforge.library.out_case import MOST_VEHICLES, ONE_LANE, Fact, MovingCase, plain_text, safe_name, straight_road
 from cornerforge.types import CAR, FRAME_S, MOTORCYCLE, TRUCK
 

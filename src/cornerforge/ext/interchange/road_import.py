@@ -102,7 +102,10 @@ class _Taken:
         theirs = self.theirs.pieces
         for piece, after in zip(theirs, [*(one.s for one in theirs[1:]), self.theirs.length], strict=True):
             whole += _shapes(piece, after - piece.s)
-        line = ReferenceLine(tuple(whole), self.theirs.length)
+        try:
+            line = ReferenceLine(tuple(whole), self.theirs.length)
+        except InputError as error:
+            raise self.fault(self.theirs.line, f"road {self.theirs.ident}: {str(error).rstrip('.')}") from error
         inside = [self.begin, *(one.s for one in whole if self.begin < one.s < self.end), self.end]
         cut: list[Piece] = []
         for first, last in itertools.pairwise(inside):

@@ -58,16 +58,17 @@ def road_show(options: RoadShow) -> RoadTold:
 
     Raises:
         MissingExtraError: A picture is wanted, and matplotlib is not installed.
-        CornerForgeError: There is no such road, or the picture cannot be written.
+        CornerForgeError: There is no such road, or the picture can be neither drawn nor written.
     """
     road = road_named(options.road)
     files: tuple[str, ...] = ()
     if options.out is not None:
-        from cornerforge.ext.interchange.road_picture import draw_road
+        from cornerforge.ext.pictures.picture import check_picture, save_picture
+        from cornerforge.ext.pictures.road import road_figure
 
         out = Path(options.out)
-        check_new_file(out)
-        draw_road(road, out)
+        check_picture(out)
+        save_picture(road_figure(road), out)
         files = (str(out),)
     return _told(road, (), files)
 

@@ -77,7 +77,7 @@ def _lanes_of(slot: int, run: Sequence[tuple[float, Seen]]) -> list[Lane]:
     if not run or run[-1][0] - run[0][0] < _SHORTEST:
         return []
     kinds = [(seen.kind, seen.limit) for _, seen in run]
-    cuts = [0, *(k for k in range(1, len(run)) if kinds[k] != kinds[k - 1]), len(run) - 1]
+    cuts = sorted({0, *(k for k in range(1, len(run)) if kinds[k] != kinds[k - 1]), len(run) - 1})
     made = []
     for first, last in itertools.pairwise(cuts):
         part = run[first : last + 1]

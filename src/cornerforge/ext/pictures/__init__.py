@@ -1,11 +1,11 @@
-"""Pictures of a recorded case, to scale: films, strips of snapshots, and how figures are saved for print.
+"""Pictures to scale, of recorded cases and of roads: films, strips of snapshots, and how figures are saved.
 
-Each has its module: `film`, and `figure` for strips and charts.
+Each has its module: `film`, `figure` for strips and charts, `picture` for a case's way out, `road`.
 """
 
 from __future__ import annotations
 
 __all__: list[str] = []
 
-MODULES = ("figure", "film")
+MODULES = ("figure", "film", "picture", "road")
 """Modules from which other rooms import too."""

@@ -20,7 +20,7 @@ from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S, Scenario
 from cornerforge.work.progress import NO_PROGRESS, Progress
 
-__all__ = ["avoidance_figure", "check_picture", "check_video", "write_picture", "write_video"]
+__all__ = ["avoidance_figure", "check_picture", "check_video", "save_picture", "write_picture", "write_video"]
 
 _FORMATS = {".png": png_of, ".svg": svg_of}
 _BEFORE_S, _LONGEST_BEFORE_S = 2.0, 6.0
@@ -73,7 +73,16 @@ def write_picture(scenario: Scenario, path: Path, answer: Avoidability) -> None:
         InputError: The scenario holds no crash of the AV.
         OutputError: The file cannot be written.
     """
-    content = _FORMATS[path.suffix.lower()](avoidance_figure(scenario, answer))
+    save_picture(avoidance_figure(scenario, answer), path)
+
+
+def save_picture(drawing: Any, path: Path) -> None:
+    """Save a matplotlib figure where `check_picture` has looked.
+
+    Raises:
+        OutputError: The file cannot be written.
+    """
+    content = _FORMATS[path.suffix.lower()](drawing)
     with writing(path) as part:
         part.write_bytes(content)
 

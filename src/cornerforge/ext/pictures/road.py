@@ -2,36 +2,37 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from cornerforge._files import writing
-from cornerforge.report.drawing import check_matplotlib
-from cornerforge.road.network import Lane, Road
+from cornerforge.report.drawing import BLUE, GREEN, ORANGE, new_figure
+from cornerforge.road.network import Road
 
-__all__ = ["draw_road"]
+__all__ = ["road_figure"]
 
-_COLOURS = {"through": "#4a4e57", "acceleration": "#0072B2", "deceleration": "#009E73", "closed": "#D55E00"}
+_COLOURS = {"through": "#4a4e57", "acceleration": BLUE, "deceleration": GREEN, "closed": ORANGE}
 _STEP = 2.0
 
 
-def draw_road(road: Road, path: Path) -> None:
-    """Draw a road into a new .png, .svg or .pdf file; the upper part is to scale, the lower one is not.
+def road_figure(road: Road) -> Any:
+    """Draw a road: the upper part is to scale, the lower one is not.
+
+    Returns:
+        A matplotlib figure.
 
     Raises:
         MissingExtraError: No matplotlib.
-        InputError, OutputError: The name ends in nothing that can be drawn, or the file cannot be written.
     """
-    check_matplotlib()
-    from matplotlib.figure import Figure
+    drawing, (above, below) = new_figure(2, 1, 10.0, 6.0)
     from matplotlib.patches import Patch
 
-    figure = Figure(figsize=(10.0, 6.0), layout="constrained")
-    above, below = figure.subplots(2, 1, height_ratios=(3, 2))
+    above.get_gridspec().set_height_ratios([3.0, 2.0])
+    for panel in (above, below):
+        panel.grid(visible=False)
     for lane in road.lanes:
         s = np.linspace(lane.begin, lane.end, max(2, int((lane.end - lane.begin) / _STEP)))
-        right, left = _edges(road, lane)
+        right, left = lane.slot * road.lane_width, (lane.slot + 1) * road.lane_width
         a, b = road.pose_at(s, right), road.pose_at(s, left)
         colour = _COLOURS[lane.kind]
         above.fill(np.concatenate([a.x, b.x[::-1]]), np.concatenate([a.y, b.y[::-1]]), color=colour, linewidth=0.0)
@@ -50,10 +51,4 @@ def draw_road(road: Road, path: Path) -> None:
     below.set(xlabel="along the road [m]", ylabel="from the right edge [m]", xlim=(0.0, road.length))
     kinds = [kind for kind in _COLOURS if any(lane.kind == kind for lane in road.lanes)]
     below.legend(handles=[Patch(color=_COLOURS[kind], label=kind) for kind in kinds], loc="upper right", fontsize=8)
-    with writing(path, "the picture") as part:
-        figure.savefig(part, format=path.suffix.removeprefix(".") or "png", dpi=130, metadata=None)
-
-
-def _edges(road: Road, lane: Lane) -> tuple[float, float]:
-    """Y of the right and left edge of a lane."""
-    return lane.slot * road.lane_width, (lane.slot + 1) * road.lane_width
+    return drawing
