@@ -35,9 +35,8 @@ def road_figure(road: Road) -> Any:
         right, left = lane.slot * road.lane_width, (lane.slot + 1) * road.lane_width
         a, b = road.pose_at(s, right), road.pose_at(s, left)
         colour = _COLOURS[lane.kind]
-        above.fill(np.concatenate([a.x, b.x[::-1]]), np.concatenate([a.y, b.y[::-1]]), color=colour, linewidth=0.0)
-        for edge in (a, b):
-            above.plot(edge.x, edge.y, color="white", linewidth=0.3)
+        # A road of kilometres is thinner than a line: without edges of its colour it would not be seen.
+        above.fill(np.concatenate([a.x, b.x[::-1]]), np.concatenate([a.y, b.y[::-1]]), color=colour, linewidth=0.8)
         below.fill_between([lane.begin, lane.end], right, left, color=colour, linewidth=0.0)
         below.plot([lane.begin, lane.end, lane.end], [left, left, right], color="white", linewidth=0.8)
         if lane.limit is not None and lane.kind != "closed":
