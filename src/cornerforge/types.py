@@ -15,9 +15,10 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_integer, check_number
-from cornerforge._schema import check_fields, meant
+from cornerforge._checks import check_in, check_integer, check_number
+from cornerforge._schema import check_fields, meant, read
 from cornerforge.errors import InputError, UnknownNameError
+from cornerforge.road.network import Road, faults_of
 
 __all__ = [
     "ACCELERATIONS",
@@ -137,7 +138,7 @@ ACTION_HOLD = ACTIONS.index(Action("+0.0 m/s²", 0, 0.0))
 
 LATER = {
     "truck_share": 0.0, "motorcycle_share": 0.0, "ignored_rear": 0.0, "same_duration": False, "slower_right": 0.0,
-    "max_jerk": math.inf,
+    "max_jerk": math.inf, "road": None, "road_at": 0.0, "task": "through",
 }  # fmt: skip
 """Fields of an ODD that files may lack, and what they are there."""
 
@@ -183,17 +184,39 @@ class Odd:
         "even steps between, the mean stays.", "m/s", 0, 10)] = 0.0  # fmt: skip
     max_jerk: Annotated[float, meant("How fast an acceleration goes to the commanded one; inf, in files absent: at "
         "once. 12.65: that of UN R157's careful driver.", "m/s3", 0.5, 1000)] = 12.65  # fmt: skip
+    road: Annotated[Road | None, meant("The road, if lanes begin or end along it, or it has curves; `n_lanes` and "
+        "`lane_width` are its own.")] = None  # fmt: skip
+    road_at: Annotated[float, meant("Place of the road at which x is 0.", "m", -1e5, 1e6)] = 0.0
+    task: Annotated[str, meant("What the AV is to do: drive through, come from the ramp, or take the exit.",
+        choices=("through", "ramp", "exit"))] = "through"  # fmt: skip
 
     def __post_init__(self) -> None:
         check_integer("lanes", self.n_lanes, low=2, high=MAX_LANES)
         check_fields(self, "odd.", but=("max_jerk",) if self.max_jerk == math.inf else ())
         check_number("odd.av_start", self.av_start, low=0.0, high=self.traffic_length, unit="m")
         check_number("odd.motorcycle_share", self.motorcycle_share, low=0.0, high=1.0 - 2.0 * self.truck_share)
+        self._check_road()
         for one in fields(self):
             if isinstance(one.default, float):  # kernels would be compiled once more for a whole number
                 object.__setattr__(self, one.name, float(getattr(self, one.name)))
 
-    def stated(self) -> dict[str, str | int | float]:
+    def _check_road(self) -> None:
+        check_in("odd.task", self.task, ("through", "ramp", "exit"))
+        if self.road is None:
+            if self.task != "through":
+                raise InputError(
+                    f"odd.task = {self.task!r} needs a road with a ramp; name one: on-ramp, exit, weaving."
+                )
+            return
+        if faults := faults_of(self.road):
+            raise InputError(f"The road {self.road.name}: {'; '.join(faults)}.")
+        if (self.n_lanes, self.lane_width) != (self.road.slots, self.road.lane_width):
+            raise InputError(
+                f"The road {self.road.name} has {self.road.slots} lanes of {self.road.lane_width:g} m, the ODD "
+                f"{self.n_lanes} of {self.lane_width:g} m."
+            )
+
+    def stated(self) -> dict[str, Any]:
         """All fields, for files and hashes; what does not occur is left out, as before it could, and so is no limit.
 
         >>> "truck_share" in Odd().stated(), "truck_share" in Odd(truck_share=0.1).stated()
@@ -208,7 +231,10 @@ class Odd:
         >>> Odd.of_stated(Odd().stated()) == Odd(), Odd.of_stated({"name": "early"}).max_jerk
         (True, inf)
         """
-        return Odd(**{"max_jerk": math.inf, **stated})
+        given = {"max_jerk": math.inf, **stated}
+        if isinstance(given.get("road"), Mapping):
+            given["road"] = read(Road, given["road"], "The road")
+        return Odd(**given)
 
     def size_of(self, kind: int) -> tuple[float, float]:
         """Length and width of a class [m], by its index in `CLASSES`."""

@@ -66,6 +66,22 @@ class RoadOptions(_World):
         meant("default (4 s lane change), swift (2.5 s), paper (1 s) or mixed (4 s; trucks too).", near=("odd",)),
     ] = "default"
     lanes: Annotated[int | None, meant("Lanes, 2 to 6; 3 by default.")] = None
+    road: Annotated[
+        str | None,
+        meant(
+            "Road (`cornerforge road show` draws it): on-ramp, exit, weaving, lane-drop, work-zone, curves, or a FILE "
+            "of `road import`; straight by default.",
+            near=("on-ramp", "exit", "weaving", "lane-drop", "work-zone", "curves", "straight"),
+            metavar="NAME|FILE",
+        ),
+    ] = None
+    task: Annotated[
+        str,
+        meant(
+            "What the AV is to do on that road: drive through, come from the ramp, or take the exit.",
+            choices=("through", "ramp", "exit"),
+        ),
+    ] = "through"
     model: Annotated[Path | str | NddModel | None, meant("Naturalistic model; the shipped one by default.")] = None
 
 

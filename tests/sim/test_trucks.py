@@ -75,9 +75,9 @@ def drawn(world: World, slot: int, setting: Setting) -> NDArray[np.int64]:
 def test_a_truck_can_do_what_its_engine_and_brakes_allow(speed: float, strongest: float) -> None:
     world = world_of([FAR, Car(300.0, 0, speed)])
     road = road_numbers(MIXED)
-    assert possible_actions(world.vehicles, 1, road) == (2, 32)
+    assert possible_actions(world, 1, road) == (2, 32)
     as_class(world, 1, TRUCK)
-    low, high = possible_actions(world.vehicles, 1, road)
+    low, high = possible_actions(world, 1, road)
     assert (ACTIONS[low].acceleration, ACTIONS[high].acceleration) == (-3.2, strongest)
     # the hardest braking of the table's that the brakes can do; the step nearest to what the engine can do
     assert -TRUCKER.braking <= ACTIONS[low].acceleration < -TRUCKER.braking + 0.2
@@ -120,7 +120,7 @@ def test_what_a_truck_draws_is_what_is_stated(model: NddModel, name: str) -> Non
     assert l1_distance(counts, as_car) > bound  # negative control: the statement without limits
     assert counts[p == 0.0].sum() == 0
     # what a car would do beyond a limit is done at the limit
-    low, high = possible_actions(world.vehicles, 1, setting.road)
+    low, high = possible_actions(world, 1, setting.road)
     lane_changes = p[:2].sum(), as_car[:2].sum()
     assert lane_changes[0] == lane_changes[1]
     assert p[low] == pytest.approx(as_car[2 : low + 1].sum())

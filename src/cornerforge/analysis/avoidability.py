@@ -319,6 +319,7 @@ def manoeuvres_of(odd: Odd, params: AvoidParams) -> Manoeuvres:
             max_lateral_acceleration=bound,
             n_lanes=parts * road.n_lanes,
             lane_width=road.lane_width / parts,
+            lanes=road.lanes._replace(stretches=np.repeat(road.lanes.stretches, parts, axis=0)),
         ),
         parts=parts,
     )

@@ -13,6 +13,7 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.counterfactual.motion import STRONGEST_ACCELERATION, allocate_rows, change_to, take_over_av
 from cornerforge.geometry import Box, boxes_overlap, path_at
 from cornerforge.recordings import box_in
+from cornerforge.road.lanes import has_left, may_change
 from cornerforge.sim import actions, motion
 from cornerforge.types import FRAME_S
 
@@ -257,7 +258,7 @@ def _is_new(s: SearchScratch, k: int, road: RoadNumbers) -> bool:
 
 @inlined_kernel
 def _drives_clear(s: SearchScratch, k: int, body: Any, f0: int, m: Manoeuvres, road: RoadNumbers) -> bool:
-    """Move row k from frame f0 to the next decision; False as soon as a vehicle touches it."""
+    """Move row k from frame f0 to the next decision; False as soon as a vehicle touches it, or its lane ended."""
     v = s.rows.vehicles
     for i in range(1, m.every + 1):
         motion.move_vehicle(v, k, i * _DT, road)
@@ -268,7 +269,7 @@ def _drives_clear(s: SearchScratch, k: int, body: Any, f0: int, m: Manoeuvres, r
                 Box(o.x, o.y, o.heading, o.length, o.width),
             ):
                 return False
-    return True
+    return not (road.lanes.varied and has_left(v, k, road))
 
 
 @inlined_kernel
@@ -292,7 +293,7 @@ def _can_stop(s: SearchScratch, k: int, test: Trajectories, end: int, m: Manoeuv
                 )
             ):
                 return False
-    return True
+    return not (road.lanes.varied and has_left(v, k + 1, road))
 
 
 @inlined_kernel
@@ -314,7 +315,7 @@ def _decides(s: SearchScratch, k: int, choice: int, kind: int, m: Manoeuvres, ro
         return False
     far = m.parts if lateral > 2 else 1
     lane = v[k].target_lane + (0 if lateral == 0 else far if lateral % 2 == 1 else -far)
-    if lane < 0 or lane >= road.n_lanes:
+    if lane < 0 or lane >= road.n_lanes or (lateral > 0 and not may_change(v, k, lane, road)):
         return False
     v[k + 1] = v[k]
     actions.hold(v, k + 1, m.accelerations[index], road)

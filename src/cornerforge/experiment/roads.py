@@ -2,15 +2,71 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+from cornerforge._checks import check_in
 from cornerforge.errors import FileFormatError, InputError, UnknownNameError
 from cornerforge.results.stating import as_json, from_file
-from cornerforge.road.network import Road, faults_of
+from cornerforge.road.network import Lane, Road, faults_of
 from cornerforge.road.shipped import SHIPPED
+from cornerforge.types import Odd
 from cornerforge.work.files import write_json
 
-__all__ = ["read_road", "road_named", "write_road_file"]
+__all__ = ["TASKS", "odd_on", "read_road", "road_named", "write_road_file"]
+
+TASKS = ("through", "ramp", "exit")
+"""What an AV may have to do."""
+_BEFORE_BEGIN, _BEFORE_END, _BEFORE_EXIT, _ON_RAMP, _AFTER = 250.0, 500.0, 500.0, 150.0, 100.0
+_SHORTEST, _LONGEST = 400.0, 1000.0
+
+
+def odd_on(odd: Odd, road: Road, task: str = "through") -> Odd:
+    """Put an ODD's traffic and AV on a road, before the first place at which its lanes change.
+
+    The AV starts 250 m before a lane begins, 500 m before one ends or an exit begins, and on a ramp 150 m before it
+    meets the road; on a road whose lanes go on, at its begin. The drive ends 100 m after the last change, between
+    400 m and 1 km long.
+
+    Raises:
+        InputError: The road has not what the task needs.
+    """
+    check_in("task", task, TASKS)
+    if task != "through" and not _mouths(road, task):
+        raise InputError(
+            f"task = {task!r} needs {'an on-ramp' if task == 'ramp' else 'an exit'}; {road.name} has none."
+        )
+    begins = [lane.begin for lane in road.lanes if lane.begin > 0.0 and lane.kind not in ("ramp", "closed")]
+    ends = [lane.end for lane in road.lanes if lane.end < road.length and road.open_after(lane) is None
+            and lane.kind not in ("ramp", "closed")]  # fmt: skip
+    if task == "ramp":
+        start = _mouths(road, task)[0].begin - _ON_RAMP
+    elif task == "exit":
+        start = _mouths(road, task)[0].begin - _BEFORE_EXIT
+    else:
+        start = min([*(s - _BEFORE_BEGIN for s in begins), *(s - _BEFORE_END for s in ends)], default=odd.av_start)
+    start = max(0.0, start)
+    last = max([*begins, *ends], default=start)
+    length = min(max(last + _AFTER - start, _SHORTEST), _LONGEST, road.length - start)
+    return replace(
+        odd,
+        n_lanes=road.slots,
+        lane_width=road.lane_width,
+        road=road,
+        road_at=start - odd.av_start,
+        task=task,
+        test_length=length,
+    )
+
+
+def _mouths(road: Road, task: str) -> list[Lane]:
+    """Give the lanes in which a ramp meets the road, or the exit begins, in the order of travel."""
+    after_ramp = {(one.slot, one.end) for one in road.lanes if one.kind == "ramp"}
+    found = [
+        lane for lane in road.lanes
+        if (lane.kind == "deceleration" if task == "exit" else (lane.slot, lane.begin) in after_ramp)
+    ]  # fmt: skip
+    return sorted(found, key=lambda lane: lane.begin)
 
 
 def read_road(name: str | Path) -> Road:

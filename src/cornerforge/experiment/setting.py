@@ -17,6 +17,7 @@ from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.experiment.av_file import RECORDED_AV, av_of
 from cornerforge.experiment.experiments import Experiment, with_outside_av
 from cornerforge.experiment.policy_file import Policy, check_budget, load_policy, policy_numbers
+from cornerforge.experiment.roads import odd_on, road_named
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.spec import AvSpec, spec_of
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
@@ -110,9 +111,15 @@ def road_of(world: WorldOptions) -> Odd:
     """Return the ODD that a user names.
 
     Raises:
-        UnknownNameError, InputError: There is no ODD of that name, or it cannot have that many lanes.
+        UnknownNameError, InputError: There is no ODD or road of that name, or it cannot have that many lanes.
     """
     odd = odd_named(world.odd)
+    if world.road is not None:
+        if world.lanes is not None:
+            raise InputError(f"The road {world.road} has lanes of its own; leave out lanes = {world.lanes}.")
+        return odd_on(odd, road_named(world.road), world.task)
+    if world.task != "through":
+        raise InputError(f"task = {world.task!r} needs a road with a ramp or an exit; give road, such as on-ramp.")
     return odd if world.lanes is None else replace(odd, n_lanes=world.lanes)
 
 

@@ -99,7 +99,9 @@ class StartContent(Closed, frozen=True):
     habit: Annotated[Share, meant("The quantile that its driver tends to.")] = 0.0
     desired_speed_mps: Annotated[float, meant("Desired speed.", "m/s", 0, 1000)] = 0.0
     change_time_s: Annotated[_Time, meant("How long its undisturbed lane changes take.", "s")] = 0.0
-    signals: Annotated[_Flag, meant("1: it sets the indicator before it changes lanes.")] = 0
+    signals: Annotated[
+        int, meant("1: it sets the indicator before it changes lanes; plus 2: it takes the exit.", "", 0, 3)
+    ] = 0
     away: Annotated[_Flag, meant("1: its driver looked away in the last second.")] = 0
     noise: Annotated[float, meant("Its driver's noise level.", "", -1, 1)] = 0.0
     inattention: Annotated[float, meant("How many times as often as others it looks away.", "", 0, 1e6)] = 0.0

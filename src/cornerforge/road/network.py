@@ -23,11 +23,12 @@ if TYPE_CHECKING:
 
 __all__ = ["LANE_KINDS", "Lane", "LaneKind", "Marking", "Road", "faults_of"]
 
-LaneKind = Literal["through", "acceleration", "deceleration", "closed"]
+LaneKind = Literal["through", "acceleration", "deceleration", "ramp", "closed"]
 LANE_KINDS: dict[LaneKind, str] = {
     "through": "goes on, or ends where the road becomes narrower",
     "acceleration": "begins at a ramp and ends: its traffic must merge",
     "deceleration": "leads to an exit: where it ends, its traffic has left the road",
+    "ramp": "runs to an acceleration lane, or from an exit, beside the road: none may change into it or out of it",
     "closed": "must not be driven in, as in a work zone",
 }
 """Kind of a lane, and what that means."""

@@ -21,8 +21,9 @@ _CURVES = (
     (200.0, 0.0, 0.0), (150.0, 0.0, _WIDE), (400.0, _WIDE, _WIDE), (150.0, _WIDE, 0.0), (150.0, 0.0, -_TIGHT),
     (350.0, -_TIGHT, -_TIGHT), (150.0, -_TIGHT, 0.0), (450.0, 0.0, 0.0),
 )  # fmt: skip
-_RAMP = (600.0, 850.0)
+_RAMP_FROM, _RAMP = 100.0, (600.0, 850.0)
 _WEAVING = (600.0, 1000.0)
+_OFF_RAMP = 300.0
 _DROP = 900.0
 _WORKS, _WORKS_LIMIT = (700.0, 1200.0), 22.2
 _SOLID = (Marking(0.0, may_cross=False),)
@@ -46,6 +47,14 @@ def _through(slots: range) -> list[Lane]:
     return [Lane(slot, 0.0, float("inf")) for slot in slots]
 
 
+def _on_ramp() -> Lane:
+    return Lane(0, _RAMP_FROM, _RAMP[0], "ramp", left=_SOLID)
+
+
+def _off_ramp(begin: float) -> Lane:
+    return Lane(0, begin, begin + _OFF_RAMP, "ramp", left=_SOLID)
+
+
 def _work_zone() -> Road:
     begin, end = _WORKS
     open_ = [
@@ -59,10 +68,14 @@ def _work_zone() -> Road:
 SHIPPED: dict[str, Callable[[], Road]] = {
     "straight": lambda: _road("straight", 3, _through(range(3))),
     "curves": lambda: _road("curves", 3, _through(range(3)), _CURVES),
-    "on-ramp": lambda: _road("on-ramp", 4, [Lane(0, *_RAMP, "acceleration"), *_through(range(1, 4))]),
-    "exit": lambda: _road("exit", 4, [Lane(0, *_RAMP, "deceleration"), *_through(range(1, 4))]),
-    "weaving": lambda: _road("weaving", 4, [Lane(0, *_WEAVING, "deceleration"), *_through(range(1, 4))]),
+    "on-ramp": lambda: _road("on-ramp", 4, [_on_ramp(), Lane(0, *_RAMP, "acceleration"), *_through(range(1, 4))]),
+    "exit": lambda: _road("exit", 4, [Lane(0, *_RAMP, "deceleration"), _off_ramp(_RAMP[1]), *_through(range(1, 4))]),
+    "weaving": lambda: _road(
+        "weaving",
+        4,
+        [_on_ramp(), Lane(0, *_WEAVING, "deceleration"), _off_ramp(_WEAVING[1]), *_through(range(1, 4))],
+    ),
     "lane-drop": lambda: _road("lane-drop", 3, [Lane(0, 0.0, _DROP), *_through(range(1, 3))]),
     "work-zone": _work_zone,
 }
-"""Roads by name: 2 km in the direction of travel, lanes 3.66 m wide."""
+"""Roads by name: 2 km in the direction of travel, lanes 3.66 m wide. Ramps run beside the road, behind a solid line."""

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cornerforge._jit import inlined_kernel
+from cornerforge.road.lanes import LaneTable, av_lanes_at, lane_table
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -49,6 +50,10 @@ class RoadNumbers(NamedTuple):
         one_size: Only cars may occur.
         truck_lanes: Lanes that trucks change to, counted from the right: of three or more all but the leftmost.
         ramp_time: 1 / `Odd.max_jerk`: how long a change of the acceleration takes [s per m/s2], 0: no time.
+        lanes: Lanes that begin and end.
+        limited: Not every action is possible for every vehicle: there are trucks, or lanes end.
+        av_lanes: Lanes in which the AV may start, a bit mask.
+        av_exits: The AV is to take the exit.
     """
 
     n_lanes: int
@@ -74,10 +79,16 @@ class RoadNumbers(NamedTuple):
     ramp_time: float
     slower_right: float
     truck_lanes: int
+    lanes: LaneTable
+    limited: bool
+    av_lanes: int
+    av_exits: bool
 
 
 def road_numbers(odd: Odd) -> RoadNumbers:
     """Make the constants of an ODD for the kernels."""
+    lanes = lane_table(odd)
+    one_size = len(odd.sizes_on_road) == 1
     return RoadNumbers(
         odd.n_lanes,
         odd.lane_width,
@@ -96,12 +107,16 @@ def road_numbers(odd: Odd) -> RoadNumbers:
         odd.ignored_rear,
         max(length for length, _ in odd.sizes_on_road),
         max(width for _, width in odd.sizes_on_road),
-        len(odd.sizes_on_road) == 1,
+        one_size,
         odd.same_duration,
         odd.max_jerk,
         1.0 / odd.max_jerk,
         odd.slower_right,
         odd.n_lanes - 1 if odd.truck_share > 0.0 and odd.n_lanes > 2 else odd.n_lanes,
+        lanes,
+        not one_size or lanes.varied,
+        sum(1 << lane for lane in av_lanes_at(odd, odd.av_start)),
+        odd.task == "exit",
     )
 
 

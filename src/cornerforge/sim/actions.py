@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import path_at, plan_path
+from cornerforge.road.lanes import hurry, may_change
 from cornerforge.road.straight import begin_along, lane_centre
 from cornerforge.sim.motion import path_of
 from cornerforge.types import (
@@ -40,10 +41,14 @@ _PLACES_PER_MPS2 = round(1.0 / ACCELERATION_STEP)
 
 @kernel
 def start_lane_change(w: World, i: int, target_lane: int, road: RoadNumbers) -> None:
-    """Plan the lateral path of slot i from where it is to the centre of `target_lane`, in its own `change_time`."""
+    """Plan the lateral path of slot i from where it is to the centre of `target_lane`, in its own `change_time`.
+
+    Who must leave its lane hurries, the more the sooner it must.
+    """
     v = w.vehicles
     acceleration = 0.0
     speed = 0.0
+    time = v[i].change_time * hurry(v, i, road)
     if v[i].duration > 0.0:
         _, speed, acceleration = path_at(path_of(v, i), v[i].clock)
     v[i].target_lane = target_lane
@@ -53,7 +58,7 @@ def start_lane_change(w: World, i: int, target_lane: int, road: RoadNumbers) -> 
         speed,
         acceleration,
         lane_centre(target_lane, road.lane_width),
-        v[i].change_time,
+        time,
         road.max_lateral_acceleration,
     )
     v[i].duration = duration
@@ -102,7 +107,7 @@ def ordered_lane(w: World, i: int, side: int, road: RoadNumbers) -> int:
         running = 1 if v[i].c0 < lane_centre(lane, road.lane_width) else -1
         if running == side:
             return lane
-    return lane + side if 0 <= lane + side < road.n_lanes else lane
+    return lane + side if may_change(v, i, lane + side, road) else lane
 
 
 @inlined_kernel

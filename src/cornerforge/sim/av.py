@@ -9,21 +9,65 @@ import numpy as np
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.drivers.idm import free_acceleration, idm_acceleration
 from cornerforge.drivers.mobil import mobil_gain
+from cornerforge.road.lanes import has_lane, may_change, side_to_leave
 from cornerforge.road.straight import ahead_by, gap, half_lengths, lane_of
+from cornerforge.sim.merging import accepts, braking_for_end, come_beside, relaxed, wish_of
 from cornerforge.sim.neighbours import neighbours_in_lane
 from cornerforge.sim.sight import lane_entered, lanes_seen
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from cornerforge.drivers.avs import AvNumbers
     from cornerforge.drivers.sight import SightNumbers
     from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.world import World
 
-__all__ = ["av_decide", "lead_acceleration", "must_give_way", "side_gain"]
+__all__ = ["av_decide", "lead_acceleration", "may_try", "merge", "must_give_way", "side_gain"]
 
 CONFLICT_GAP = 10.0
 """Largest lengthwise gap [m] at which the AV gives way to a vehicle that enters its target lane from the far side."""
 _SIDES = (1, -1)
+
+
+@inlined_kernel
+def may_try(v: NDArray[np.void], side: int, road: RoadNumbers) -> bool:
+    """May the AV change to a side because it likes to: is there a lane that goes on, and is it free in its choice?"""
+    if not may_change(v, 0, v[0].target_lane + side, road):
+        return False
+    if not road.lanes.varied:
+        return True
+    wish = wish_of(v, 0, 1.0, road)
+    return wish.urgency == 0.0 and (wish.left if side > 0 else wish.right) > 0.0
+
+
+@kernel
+def merge(w: World, command: float, lane: int, sight: SightNumbers, road: RoadNumbers) -> tuple[float, int]:
+    """Let a built-in AV do on a road where lanes end what its law knows nothing of.
+
+    It follows more softly, adapts to the lane that it must change to and changes if it accepts both gaps, brakes to
+    stop where its lane ends, and leaves to its law what is not urgent.
+
+    Args:
+        w: The world.
+        command, lane: Acceleration [m/s2] and target lane by its law.
+        sight: How it sees other vehicles.
+        road: Constants.
+    """
+    v = w.vehicles
+    wish = wish_of(v, 0, 0.0, road)
+    command = relaxed(w, 0, command, sight, road)
+    if v[0].duration == 0.0 and wish.urgency > 0.0:
+        lane = v[0].target_lane
+        beside = lane + (1 if side_to_leave(v, 0, road)[0] > 0 else -1)
+        wants = wish.left + wish.right > 0.0 and may_change(v, 0, beside, road)
+        if wants and accepts(w, 0, beside, wish.urgency, sight, road):
+            lane = beside
+        elif has_lane(beside, v[0].x, road):
+            least, most = come_beside(w, 0, beside, road)
+            command = min(max(command, least) if command >= 0.0 else command, most)
+    braking = braking_for_end(v, 0, road)
+    return (min(command, -braking) if braking > 0.0 else command), lane
 
 
 @inlined_kernel
@@ -104,7 +148,7 @@ def av_decide(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
         return command, lane
     best_lane = lane
     for side in _SIDES:
-        if 0 <= lane + side < road.n_lanes:
+        if may_try(v, side, road):
             gain = side_gain(w, lane + side, command, best_gain, road, av)
             if gain > best_gain:
                 best_gain = gain

@@ -16,6 +16,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cornerforge._jit import inlined_kernel
+from cornerforge.road.lanes import may_change
 from cornerforge.road.straight import lane_bits, lane_centre
 from cornerforge.sim.av_view import (
     ACCELERATION,
@@ -125,8 +126,8 @@ def av_actions_allowed(w: World, road: RoadNumbers, allowed: NDArray[np.bool_]) 
     for a in range(N_ACTIONS):
         allowed[a] = True
     lane = v[0].target_lane
-    allowed[ACTION_LEFT] = lane + 1 < road.n_lanes
-    allowed[ACTION_RIGHT] = lane > 0
+    allowed[ACTION_LEFT] = may_change(v, 0, lane + 1, road)
+    allowed[ACTION_RIGHT] = may_change(v, 0, lane - 1, road)
     if v[0].duration > 0.0:
         if v[0].c0 < lane_centre(lane, road.lane_width):
             allowed[ACTION_LEFT] = False

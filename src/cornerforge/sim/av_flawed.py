@@ -11,7 +11,7 @@ from cornerforge.drivers.flawed import BLIND_SIDE, FORGETS, HESITATES, LATE, NOT
 from cornerforge.drivers.idm import free_acceleration, idm_acceleration
 from cornerforge.drivers.mobil import mobil_gain
 from cornerforge.road.straight import ahead_by, gap, lane_of
-from cornerforge.sim.av import must_give_way
+from cornerforge.sim.av import may_try, must_give_way
 from cornerforge.sim.neighbours import SIGHT
 from cornerforge.sim.sight import lanes_seen
 from cornerforge.types import FRAME_S, SUBSTEPS
@@ -128,7 +128,7 @@ def flawed(w: World, substep: int, road: RoadNumbers, av: AvNumbers, _scratch: A
         return command, target
     best_gain, best_lane = av.mobil.min_gain, target
     for side in _SIDES:
-        if 0 <= target + side < road.n_lanes:
+        if may_try(v, side, road):
             lead_gap, lead_speed, rear_gap, rear_speed = _gaps(w, target + side, now, road, av)
             gain = mobil_gain(speed, command, (lead_gap, lead_speed), (rear_gap, rear_speed), 0.0, av.idm, av.mobil)
             if gain > best_gain:

@@ -16,8 +16,9 @@ from cornerforge.drivers.careful import Threat, braking_demanded, braking_of, ow
 from cornerforge.drivers.mobil import NO_CHANGE, mobil_gain
 from cornerforge.drivers.policy import best_action, q_values
 from cornerforge.drivers.rss import rss_braking, rss_distance
+from cornerforge.road.lanes import may_change
 from cornerforge.road.straight import ahead_by, gap, half_lengths, half_widths, lane_of
-from cornerforge.sim.av import av_decide, lead_acceleration, must_give_way, side_gain
+from cornerforge.sim.av import av_decide, lead_acceleration, may_try, merge, must_give_way, side_gain
 from cornerforge.sim.av_features import DECIDES_EVERY, av_order, look_as_av
 from cornerforge.sim.av_flawed import flawed
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane
@@ -122,7 +123,7 @@ def _evade(w: World, other: int, command: float, road: RoadNumbers, av: AvNumber
     v = w.vehicles
     lane = v[0].target_lane
     away = lane - 1 if lane_of(v[other].y, road.lane_width) > lane else lane + 1
-    if v[0].duration == 0.0 and 0 <= away < road.n_lanes and not _is_refused(w, away, road, av):
+    if v[0].duration == 0.0 and may_change(v, 0, away, road) and not _is_refused(w, away, road, av):
         return command, away
     if ahead_by(v, 0, other) >= -0.5 * v[0].length:
         return min(command, -av.idm.max_braking), lane
@@ -174,7 +175,7 @@ def _cautious(w: World, _substep: int, road: RoadNumbers, av: AvNumbers, _scratc
     best_gain = av.mobil.min_gain
     best_lane = lane
     for side in _SIDES:
-        if 0 <= lane + side < road.n_lanes:
+        if may_try(v, side, road):
             gain = side_gain(w, lane + side, command, best_gain, road, av)
             if gain > best_gain and not _is_refused(w, lane + side, road, av):
                 best_gain = gain
@@ -264,6 +265,5 @@ def built_in_av_decides(w: World, substep: int, road: RoadNumbers, av: AvNumbers
         road, av: Constants.
         s: Scratch.
     """
-    if av.kind == _PLAIN:
-        return av_decide(w, road, av)
-    return _decides_otherwise(w, substep, road, av, s)
+    command, lane = av_decide(w, road, av) if av.kind == _PLAIN else _decides_otherwise(w, substep, road, av, s)
+    return merge(w, command, lane, av.sight, road) if road.lanes.varied else (command, lane)

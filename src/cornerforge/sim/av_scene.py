@@ -95,7 +95,7 @@ def _lateral_acceleration(w: World, j: int) -> float:
 @inlined_kernel
 def _indicator(v: NDArray[np.void], j: int, road: RoadNumbers) -> float:
     """Say which way slot j indicates: 1 left, -1 right, 0 not; the AV's own indicator is not known."""
-    if j == 0 or v[j].signals == 0 or v[j].duration == 0.0:
+    if j == 0 or v[j].signals & 1 == 0 or v[j].duration == 0.0:
         return 0.0
     return 1.0 if v[j].c0 < lane_centre(v[j].target_lane, road.lane_width) else -1.0
 

@@ -23,8 +23,11 @@ from cornerforge.drivers.naturalistic import (
 )
 from cornerforge.drivers.sight import FOLLOWED, HUMAN
 from cornerforge.ndd.memory import away_chance, own_rank, remembered_share, word_at
+from cornerforge.road.lanes import may_change, side_to_leave_lane
 from cornerforge.road.straight import ahead_by, gap, lane_of
+from cornerforge.sim.merging import LOOKS_AGAIN, Wish, heeds, pressed_chance, wish_of
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
+from cornerforge.sim.sight import lanes_seen
 from cornerforge.sim.trucks import possible_actions
 from cornerforge.types import (
     ACTION_HOLD,
@@ -111,25 +114,32 @@ def allocate_starter_scratch() -> StarterScratch:
 
 @inlined_kernel
 def side_chance(
-    w: World, i: int, lane: int, base: float, overlook: float, road: RoadNumbers, tables: NddTables
+    w: World, i: int, lane: int, wish: Wish, overlook: float, road: RoadNumbers, tables: NddTables
 ) -> float:
-    """Compute P(change to `lane`) of slot i: base chance times acceptance of both neighbours there.
+    """Compute P(change to `lane`) of slot i: chance of its wish times acceptance of both neighbours there.
 
     With `Odd.ignored_rear` even an attentive driver may ignore the one behind. Some lanes are closed to trucks.
     """
     v = w.vehicles
-    if lane >= road.truck_lanes and v[i].kind == TRUCK:
+    base = wish.left if lane > v[i].target_lane else wish.right
+    if base == 0.0 or (lane >= road.truck_lanes and v[i].kind == TRUCK):
         return 0.0
+    if wish.urgency > 0.0:
+        overlook *= LOOKS_AGAIN
     lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, HUMAN)
     chance = base
     if lead >= 0:
-        accept = accept_chance(tables.lc_accept, 0, gap(v, i, lead), v[lead].speed - v[i].speed)
+        room, rate = gap(v, i, lead), v[lead].speed - v[i].speed
+        accept = accept_chance(tables.lc_accept, 0, room, rate)
+        accept = max(accept, pressed_chance(wish.urgency, room, rate, v[i].speed))
         chance *= overlook + (1.0 - overlook) * accept
     if rear >= 0:
         room = gap(v, rear, i)
-        accept = accept_chance(tables.lc_accept, 1, room, v[i].speed - v[rear].speed)
+        rate = v[i].speed - v[rear].speed
+        accept = accept_chance(tables.lc_accept, 1, room, rate)
         if room >= IGNORED_FROM:
             accept += road.ignored_rear * (1.0 - accept)
+        accept = max(accept, pressed_chance(wish.urgency, room, rate, v[rear].speed))
         chance *= overlook + (1.0 - overlook) * accept
     return chance
 
@@ -152,11 +162,11 @@ def return_chance(w: World, i: int, overlook: float, road: RoadNumbers, tables: 
     """Compute P(slot i turns back in its running lane change).
 
     While its centre is still in its old lane, an attentive driver turns back for a neighbour in its target lane with
-    the chance of `lc_turn_back`, unless it would certainly turn back from the old lane too.
+    the chance of `lc_turn_back`, unless it would certainly turn back from the old lane too, or must leave that.
     """
     v = w.vehicles
     old = lane_of(v[i].y, road.lane_width)
-    if old == v[i].target_lane:
+    if old == v[i].target_lane or (road.lanes.varied and side_to_leave_lane(v, i, old, road)[1] > 0.0):
         return 0.0
     wish = _turn_back_wish(w, i, v[i].target_lane, road, tables)
     if wish == 0.0 or _turn_back_wish(w, i, old, road, tables) == 1.0:
@@ -252,7 +262,7 @@ def _words_of(w: World, i: int, a: int, rounding: float, road: RoadNumbers, tabl
     """Find the random words of the table, from the first to the last, that give slot i acceleration index `a`."""
     low = 0.0
     high = 0.0
-    limits = possible_actions(w.vehicles, i, road)
+    limits = possible_actions(w, i, road)
     leads = _leads(w, i, road)
     for j in leads:
         if j >= 0:
@@ -284,7 +294,7 @@ def _leads(w: World, i: int, road: RoadNumbers) -> tuple[int, int, int]:
     for lane in range(road.n_lanes):
         if v[i].lanes & (1 << lane):
             j, _ = neighbours_in_lane(w, i, lane, road.lane_width, FOLLOWED)
-            if j >= 0:
+            if j >= 0 and heeds(v, i, j, lanes_seen(v, j, road.lane_width, FOLLOWED), road):
                 third = second
                 second = first
                 first = j
@@ -311,15 +321,15 @@ def _wishes(
         if j >= 0 and gap(v, i, j) < room:
             room = gap(v, i, j)
             rate = v[j].speed - v[i].speed
-    base = lane_change_base(tables, v[i].speed, room, rate)
+    wish = wish_of(v, i, lane_change_base(tables, v[i].speed, room, rate), road)
     left = 0.0
     right = 0.0
-    if base > 0.0:
+    if wish.left + wish.right > 0.0:
         lane = v[i].target_lane
-        if lane + 1 < road.n_lanes:
-            left = side_chance(w, i, lane + 1, base, overlook, road, tables)
-        if lane > 0:  # one random number decides on both sides, the left first
-            right = min(side_chance(w, i, lane - 1, base, overlook, road, tables), 1.0 - left)
+        if may_change(v, i, lane + 1, road):
+            left = side_chance(w, i, lane + 1, wish, overlook, road, tables)
+        if may_change(v, i, lane - 1, road):  # one random number decides on both sides, the left first
+            right = min(side_chance(w, i, lane - 1, wish, overlook, road, tables), 1.0 - left)
     return left, right
 
 
@@ -552,8 +562,8 @@ def action_probabilities(
     else:
         back = ACTION_LEFT if lane_of(v[i].y, road.lane_width) > v[i].target_lane else ACTION_RIGHT
         p[back] = return_chance(w, i, overlook, road, tables)
-    if not road.one_size:
-        hardest, strongest = possible_actions(v, i, road)
+    if road.limited:
+        hardest, strongest = possible_actions(w, i, road)
         for a in range(FIRST_ACCELERATION, hardest):
             p[a] = 0.0
         for a in range(strongest, N_ACTIONS - 1):

@@ -23,11 +23,13 @@ from cornerforge.drivers.naturalistic import (
 )
 from cornerforge.drivers.sight import FOLLOWED, HUMAN
 from cornerforge.ndd.memory import away_chance, away_draw, own_word, remembering_word, word_at
+from cornerforge.road.lanes import may_change, side_to_leave
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.actions import nearest_action
 from cornerforge.sim.av import lead_acceleration
 from cornerforge.sim.chances import remember_action, return_chance, side_chance
 from cornerforge.sim.controllers import IDM_BVS
+from cornerforge.sim.merging import heeds, wish_of
 from cornerforge.sim.neighbours import SIGHT, sort_by_x
 from cornerforge.sim.sight import lanes_seen
 from cornerforge.sim.steering import steer
@@ -104,6 +106,9 @@ def _worst_follow(
         seen = lanes_seen(v, j, road.lane_width, FOLLOWED)
         if seen & wanted == 0:
             continue
+        if not heeds(v, i, j, seen, road):
+            wanted &= ~seen
+            continue
         room = gap(v, i, j)
         rate = v[j].speed - v[i].speed
         row = following_row(v[i].speed, v[i].desired_speed, room, rate, rounding)
@@ -158,17 +163,18 @@ def _decide_naturalistic(w: World, rank: int, road: RoadNumbers, tables: NddTabl
         words[1, i] = follower_word
     if v[i].duration == 0.0:
         draw = uniform(words[0, i])
-        if draw >= 2.0 * tables.lc_most:  # nine times in ten this spares the look-up of what it wants
+        if draw >= 2.0 * tables.lc_most and side_to_leave(v, i, road)[0] == 0:  # mostly this spares a look-up
             return action
-        base = lane_change_base(tables, v[i].speed, gap, rate)
-        if draw < 2.0 * base:  # the chance of both sides together is at most this: the neighbours need no look
+        wish = wish_of(v, i, lane_change_base(tables, v[i].speed, gap, rate), road)
+        if draw < wish.left + wish.right:  # the chance of both sides is at most this: the neighbours need no look
             lane = v[i].target_lane
             left = 0.0
-            if lane + 1 < road.n_lanes:
-                left = side_chance(w, i, lane + 1, base, tables.overlook, road, tables)
+            if may_change(v, i, lane + 1, road):
+                left = side_chance(w, i, lane + 1, wish, tables.overlook, road, tables)
                 if draw < left:
                     return ACTION_LEFT
-            if lane > 0 and draw < left + side_chance(w, i, lane - 1, base, tables.overlook, road, tables):
+            right = may_change(v, i, lane - 1, road)
+            if right and draw < left + side_chance(w, i, lane - 1, wish, tables.overlook, road, tables):
                 return ACTION_RIGHT
     elif uniform(words[0, i]) < return_chance(w, i, tables.overlook, road, tables):
         return ACTION_LEFT if lane_of(v[i].y, road.lane_width) > v[i].target_lane else ACTION_RIGHT
@@ -192,7 +198,7 @@ def _idm_action(w: World, rank: int, road: RoadNumbers, av: AvNumbers) -> int:
     order = w.order
     i = order[rank]
     command = lead_acceleration(w, i, v[i].lanes, HUMAN, road, av)
-    return cut_to_class(v, i, nearest_action(command), road)
+    return cut_to_class(w, i, nearest_action(command), road)
 
 
 @kernel
@@ -280,10 +286,10 @@ def _all_naturalistic(w: World, controlled_action: int, setting: Setting, s: Scr
     for i in range(1, state.n_vehicles):
         v[i].action = _drawn(tables, v[i].action)
         v[i].quantile = uniform(s.words[1, i])
-    if not road.one_size:
+    if road.limited:
         for i in range(1, state.n_vehicles):
-            if i != controlled:
-                v[i].action = cut_to_class(v, i, v[i].action, road)
+            if i != controlled and v[i].away == 0:
+                v[i].action = cut_to_class(w, i, v[i].action, road)
     return changes
 
 
@@ -320,4 +326,4 @@ def _resolve_conflicts(w: World, av_lane: int, setting: Setting, s: Scratch) -> 
         if _gives_way(w, i, target, av_lane, setting, s):
             word = s.words[1, i]
             action, _, _ = _worst_follow(w, rank, road, tables, word, word, uniform(s.words[3, i]))
-            v[i].action = cut_to_class(v, i, _drawn(tables, action), road)
+            v[i].action = cut_to_class(w, i, _drawn(tables, action), road)

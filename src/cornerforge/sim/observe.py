@@ -9,8 +9,11 @@ import numpy as np
 
 from cornerforge._elementary import log
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.road.lanes import may_change
 from cornerforge.road.straight import ahead_by, distance_left, half_lengths, lane_centre
+from cornerforge.sim.actions import nearest_action
 from cornerforge.sim.chances import ALONE, action_probabilities
+from cornerforge.sim.merging import braking_for_end
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, N_ACTIONS
 
 if TYPE_CHECKING:
@@ -102,13 +105,13 @@ def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out:
     out[2] = (v[0].y - lane_centre(v[0].target_lane, road.lane_width)) / 4.0
     out[3] = v[0].lateral_speed / 2.0
     out[4] = v[0].acceleration / 4.0
-    out[5] = 1.0 if v[0].target_lane + 1 < road.n_lanes else 0.0
-    out[6] = 1.0 if v[0].target_lane > 0 else 0.0
+    out[5] = 1.0 if may_change(v, 0, v[0].target_lane + 1, road) else 0.0
+    out[6] = 1.0 if may_change(v, 0, v[0].target_lane - 1, road) else 0.0
     out[7] = (v[bv].speed - 30.0) / 10.0
     out[8] = (v[bv].y - lane_centre(v[bv].target_lane, road.lane_width)) / 4.0
     out[9] = v[bv].lateral_speed / 2.0
-    out[10] = 1.0 if v[bv].target_lane + 1 < road.n_lanes else 0.0
-    out[11] = 1.0 if v[bv].target_lane > 0 else 0.0
+    out[10] = 1.0 if may_change(v, bv, v[bv].target_lane + 1, road) else 0.0
+    out[11] = 1.0 if may_change(v, bv, v[bv].target_lane - 1, road) else 0.0
     out[12] = _clip(dx / 50.0, 3.0)
     out[13] = _clip(dx / 10.0, 3.0)
     out[14] = (v[bv].y - v[0].y) / 4.0
@@ -142,7 +145,8 @@ def allowed_actions(
 ) -> None:
     """Write the adversary's action mask into `allowed`, bool (33,): for acting, exploring and the learning target.
 
-    Unbounded: all actions except lane changes that would leave the road or that repeat the running one. Bounded (paper,
+    Unbounded: all actions except lane changes that would leave the road or that repeat the running one, and those with
+    which it would not stop where its lane ends. Bounded (paper,
     equation 12): of these, only actions that a naturalistic driver takes with a positive probability. Human errors are
     among them: to look away, to misjudge, to overlook a neighbour. With a budget (state.budget_left > 0): of these,
     only actions whose `price` is within the rest of the budget. The likeliest action costs nothing, so one is always
@@ -164,16 +168,21 @@ def allowed_actions(
     for a in range(N_ACTIONS):
         allowed[a] = True
     lane = v[bv].target_lane
-    allowed[ACTION_LEFT] = lane + 1 < road.n_lanes
-    allowed[ACTION_RIGHT] = lane > 0
+    allowed[ACTION_LEFT] = may_change(v, bv, lane + 1, road)
+    allowed[ACTION_RIGHT] = may_change(v, bv, lane - 1, road)
     if v[bv].duration > 0.0:
         if v[bv].c0 < lane_centre(lane, road.lane_width):
             allowed[ACTION_LEFT] = False
         else:
             allowed[ACTION_RIGHT] = False
+    braking = braking_for_end(v, bv, road)
+    if braking > 0.0:
+        for a in range(nearest_action(-braking) + 1, N_ACTIONS):
+            allowed[a] = False
     if bounded:
         left = w.state[0].budget_left
-        only_possible = left == 0 and tables.overlook_conflict > 0.0 and tables.lc_most < 0.5
+        surely_keeps = tables.lc_most < 0.5 and not road.lanes.varied
+        only_possible = left == 0 and tables.overlook_conflict > 0.0 and surely_keeps
         action_probabilities(w, bv, False, ALONE if only_possible else v[0].target_lane, road, tables, c, p)
         for a in range(N_ACTIONS):
             allowed[a] = allowed[a] and p[a] > 0.0

@@ -21,6 +21,7 @@ __all__ = [
     "BV_CRASH",
     "COMPLETED",
     "IDLE",
+    "LEFT_ROAD",
     "RUNNING",
     "TIME_UP",
     "UNDRAWN",
@@ -34,6 +35,8 @@ RUNNING, COMPLETED, AV_CRASH, BV_CRASH, TIME_UP = range(5)
 removed."""
 AV_FAULT = 5
 """Outcome code of a test that does not count: an AV from outside raised, hung, or gave no usable answer in it."""
+LEFT_ROAD = 6
+"""Outcome code of a test in which the AV drove on where its lane had ended."""
 UNDRAWN = 7
 """Outcome code of a world with no traffic drawn at the start; `UndrawableError` ends the drive."""
 IDLE = -1

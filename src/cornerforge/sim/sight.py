@@ -34,7 +34,7 @@ def lane_entered(v: NDArray[np.void], j: int, lane_width: float, sight: SightNum
     if (
         sight.by == _BY_DECISION
         or v[j].duration == 0.0
-        or (sight.by == _BY_MOTION and sight.indicators and v[j].signals)
+        or (sight.by == _BY_MOTION and sight.indicators and v[j].signals & 1)
     ):
         target: int = v[j].target_lane
         return target

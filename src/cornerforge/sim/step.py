@@ -9,12 +9,13 @@ import numpy as np
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.fields import FRAME_FIELDS
 from cornerforge.geometry import Box, boxes_overlap
+from cornerforge.road.lanes import has_lane, has_left
 from cornerforge.road.straight import distance_left
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
 from cornerforge.sim.bicycle import steer_on
 from cornerforge.sim.controllers import BUILT_IN, RAILS, RECORDED
 from cornerforge.sim.motion import move_vehicle
-from cornerforge.sim.outcome import AV_CRASH, BV_CRASH, COMPLETED, RUNNING, TIME_UP
+from cornerforge.sim.outcome import AV_CRASH, BV_CRASH, COMPLETED, LEFT_ROAD, RUNNING, TIME_UP
 from cornerforge.sim.rails import ride
 from cornerforge.sim.reach import bound_motion, choose_current, find_pairs, pairs_of_av
 from cornerforge.sim.world import all_current, forget_av_neighbours, list_all
@@ -119,6 +120,28 @@ def _check_contacts(w: World, frame: int, road: RoadNumbers) -> bool:
     return False
 
 
+@kernel
+def _check_lanes(w: World, frame: int, all_there: bool, road: RoadNumbers) -> bool:
+    """Look for vehicles whose lane has ended; returns True when the AV is one.
+
+    BVs of the exit, and a BV whose lane came to an end all the same, leave the world at a second's end (`all_there`:
+    all vehicles are where they are now). An AV that took the exit as it should has completed its drive.
+    """
+    v, state = w.vehicles, w.state[0]
+    if has_left(v, 0, road):
+        state.outcome = COMPLETED if road.av_exits else LEFT_ROAD
+        state.frame = frame
+        return True
+    removed = False
+    for i in range(1, state.n_vehicles if all_there else 0):
+        if v[i].present and has_left(v, i, road):
+            v[i].present = 0
+            removed = True
+    if removed:
+        _drop_absent(w)
+    return False
+
+
 @inlined_kernel
 def record_frame(w: World, frame: int, recording: NDArray[np.void]) -> None:
     """Write the present state as a frame, all of `fields.SERIES`; a recording with fewer frames stays as it is."""
@@ -148,7 +171,7 @@ def av_acts(w: World, command: float, lane: int, road: RoadNumbers) -> None:
         v[0].commanded = command
         return
     hold(v, 0, command, road)
-    if lane != v[0].target_lane:
+    if lane != v[0].target_lane and (not road.lanes.varied or has_lane(lane, v[0].x, road)):
         start_lane_change(w, 0, lane, road)
 
 
@@ -215,6 +238,8 @@ def move_on(w: World, substep: int, setting: Setting, recording: NDArray[np.void
     record_frame(w, frame - 1, recording)
     _move(w, substep, setting)
     ends = _check_contacts(w, frame, road)
+    if road.lanes.varied and not ends:
+        ends = _check_lanes(w, frame, substep == SUBSTEPS - 1, road)
     if not ends and distance_left(w.vehicles, 0, road) <= 0.0:
         state.outcome = COMPLETED
         state.frame = frame

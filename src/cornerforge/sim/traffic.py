@@ -15,6 +15,7 @@ from cornerforge._philox import PURPOSE_CLASS, PURPOSE_INITIAL, PURPOSE_TRAITS, 
 from cornerforge.drivers.idm import desired_gap
 from cornerforge.errors import UndrawableError
 from cornerforge.ndd.memory import reflected
+from cornerforge.road.lanes import EXITS, URGENT_TIME, has_lane, must_leave_by, on_a_ramp
 from cornerforge.road.straight import half_lengths, lane_centre, part_right, truck_share_in
 from cornerforge.sim.controllers import NOBODY, RAILS, critical_of
 from cornerforge.sim.outcome import RUNNING, UNDRAWN
@@ -37,6 +38,10 @@ _WIDTHS = np.array([user.width for user in CLASSES])
 _TRUCK_SPEED = CLASSES[TRUCK].top_speed
 _TIME_GAPS = np.array([user.time_gap for user in CLASSES])
 _LEAST_ROOM = 0.25
+_RAMP_SHARE = 0.4
+"""Traffic of a ramp, as a share of a lane's."""
+_EXIT_SHARE = 0.15
+"""Share of the main road's vehicles that take an exit."""
 _MAX_TRIES = 10_000
 """After so many refused draws in a row the test is UNDRAWN. Models of which hardly a draw suits do not load
 (`ndd.initial.check_initial`); of the shipped one at most 13 in a row were refused in 2.3 million tests."""
@@ -190,6 +195,15 @@ def _narrowness(width: float, road: RoadNumbers) -> float:
 
 
 @inlined_kernel
+def _takes_exit(w: World, slot: int, lane: int, x: float, road: RoadNumbers) -> bool:
+    """Does the vehicle that is put there take the exit? The AV by its task; of what comes from a ramp none does."""
+    if slot == 0 or road.lanes.exit_slot < 0 or on_a_ramp(lane, x, road):
+        return slot == 0 and road.av_exits
+    word = block(w.state[0].seed, w.state[0].test, slot, 1, PURPOSE_TRAITS)[0]
+    return uniform(word) < _EXIT_SHARE
+
+
+@inlined_kernel
 def _place(w: World, x: float, lane: int, speed: float, mean: float, setting: Setting) -> None:
     """Put the vehicle of the last `_join` on the road: centre at x [m] in a lane, at `speed` [m/s]; `mean`: the test's.
 
@@ -217,6 +231,8 @@ def _place(w: World, x: float, lane: int, speed: float, mean: float, setting: Se
     announces = v[slot].signals < initial.signal_share * (_LOW_BITS + 1)
     v[slot].away = 0
     v[slot].signals = 1 if slot == 0 or announces else 0
+    if _takes_exit(w, slot, lane, x, road):
+        v[slot].signals |= EXITS
     v[slot].x = x
     v[slot].y = lane_centre(lane, road.lane_width)
     v[slot].speed = speed
@@ -256,8 +272,26 @@ def _fill_ahead(w: World, x: float, speed: float, lane: int, rear: int, mean: fl
         x += 0.5 * (before + length) + gap
         if x > road.traffic_length:
             return
-        _place(w, x, lane, speed, mean, setting)
+        if _has_room(w, x, lane, speed, road):
+            _place(w, x, lane, speed, mean, setting)
         before = length
+
+
+@inlined_kernel
+def _has_room(w: World, x: float, lane: int, speed: float, road: RoadNumbers) -> bool:
+    """Is there a lane at x, and does a vehicle of its traffic drive there still?
+
+    A ramp has less traffic than a lane. Of those in a lane that ends, most have left it before: drivers want to with
+    the chance of twice their urgency u a second, so a share of exp(-20 u^2) is left of what came 20 s before.
+    """
+    if not road.lanes.varied:
+        return True
+    draw = uniform(_next_words(w)[0])
+    if on_a_ramp(lane, x, road):
+        return draw < _RAMP_SHARE
+    time = (must_leave_by(lane, x, False, road) - x) / speed
+    late = max(0.0, 1.0 - time / URGENT_TIME)
+    return has_lane(lane, x, road) and draw < exp(-URGENT_TIME * late * late)
 
 
 @kernel
@@ -275,7 +309,8 @@ def _fill_behind(w: World, x: float, speed: float, lane: int, mean: float, setti
         x -= 0.5 * (before + length) + gap
         if x < 0.0:
             return
-        _place(w, x, lane, speed, mean, setting)
+        if _has_room(w, x, lane, speed, road):
+            _place(w, x, lane, speed, mean, setting)
         before = length
 
 
@@ -336,6 +371,21 @@ def clear_world(w: World, seed: int, test: int, branch: int) -> None:
 
 
 @inlined_kernel
+def _av_lane(draw: float, road: RoadNumbers) -> int:
+    """Choose one of the lanes in which the AV may start, all with the same chance, by a number in (0, 1)."""
+    lanes = 0
+    for lane in range(road.n_lanes):
+        lanes += (road.av_lanes >> lane) & 1
+    left = min(lanes - 1, math.floor(draw * lanes))
+    for lane in range(road.n_lanes):
+        if (road.av_lanes >> lane) & 1:
+            if left == 0:
+                return lane
+            left -= 1
+    return 0
+
+
+@inlined_kernel
 def linked_reset_world(w: World, seed: int, test: int, setting: Setting) -> None:
     """Do what `reset_world` does, melted into the program that calls it: 1 microsecond quicker, of 30 for a test."""
     road, initial = setting.road, setting.tables.initial
@@ -348,7 +398,7 @@ def linked_reset_world(w: World, seed: int, test: int, setting: Setting) -> None
     state.budget_left = mask.budget
     state.budget_most = mask.budget if mask.excess else 0
     state.steers_from = mask.steers_from if setting.who.critical != NOBODY else 0
-    av_lane = min(road.n_lanes - 1, math.floor(uniform(_next_words(w)[0]) * road.n_lanes))
+    av_lane = _av_lane(uniform(_next_words(w)[0]), road)
     words = _next_words(w)
     mean = initial.speed_mean + initial.stream_sd * normal_pair(words[0], words[1])[0]
     stream = max(initial.speed_low, min(initial.speed_high, mean))
@@ -362,7 +412,7 @@ def linked_reset_world(w: World, seed: int, test: int, setting: Setting) -> None
     _join(w, av_lane, setting)
     gap = max(gap, desired_gap(speed, lead_speed - speed, setting.av.idm))
     x = road.av_start + half_lengths(w.vehicles, 0, 1) + gap
-    if x <= road.traffic_length:
+    if x <= road.traffic_length and has_lane(av_lane, x, road):
         _place(w, x, av_lane, lead_speed, mean, setting)
         _fill_ahead(w, x, lead_speed, av_lane, 1, mean, setting)
     _fill_behind(w, road.av_start, speed, av_lane, mean, setting)

@@ -1,44 +1,56 @@
-"""Abilities of a vehicle's class: the accelerations that are possible for it (docs/adr/0028-trucks.md)."""
+"""Accelerations that are possible for a vehicle: what its class can do, and what lets it stop where its lane ends.
+
+Of classes see docs/adr/0028-trucks.md, of lanes docs/adr/0077-traffic-on-roads.md.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from cornerforge._jit import inlined_kernel
 from cornerforge.sim.actions import nearest_action
+from cornerforge.sim.merging import suitable_accelerations
 from cornerforge.types import ACCELERATIONS, CLASSES, FIRST_ACCELERATION, N_ACTIONS, TRUCK
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from cornerforge.road.straight import RoadNumbers
+    from cornerforge.sim.world import World
 
 __all__ = ["cut_to_class", "possible_actions"]
 
 _POWER, _RESISTANCE, _TOP_SPEED = CLASSES[TRUCK].power, CLASSES[TRUCK].resistance, CLASSES[TRUCK].top_speed
 _HARDEST = FIRST_ACCELERATION + int((-CLASSES[TRUCK].braking > ACCELERATIONS).sum())
 _LEAST_SPEED = 1.0
+_NONE = -math.inf
 
 
 @inlined_kernel
-def possible_actions(v: NDArray[np.void], i: int, road: RoadNumbers) -> tuple[int, int]:
+def possible_actions(w: World, i: int, road: RoadNumbers) -> tuple[int, int]:
     """Find the actions of the hardest braking and of the strongest acceleration that vehicle i can do.
 
-    Only trucks have limits. What the engine's power allows is rounded to the nearest step; from its top speed on a
-    truck does not accelerate.
+    Of classes only trucks have limits. What the engine's power allows is rounded to the nearest step; from its top
+    speed on a truck does not accelerate. Where lanes end see `suitable_accelerations`.
     """
-    if road.one_size or v[i].kind != TRUCK:
-        return FIRST_ACCELERATION, N_ACTIONS - 1
-    if v[i].speed >= _TOP_SPEED:
-        return _HARDEST, nearest_action(0.0)
-    return _HARDEST, nearest_action(_POWER / max(v[i].speed, _LEAST_SPEED) - _RESISTANCE)
+    v = w.vehicles
+    hardest, strongest = FIRST_ACCELERATION, N_ACTIONS - 1
+    if not road.one_size and v[i].kind == TRUCK:
+        hardest, strongest = _HARDEST, nearest_action(0.0)
+        if v[i].speed < _TOP_SPEED:
+            strongest = nearest_action(_POWER / max(v[i].speed, _LEAST_SPEED) - _RESISTANCE)
+    if road.lanes.varied:
+        least, most = suitable_accelerations(w, i, road)
+        if least > _NONE:
+            hardest = min(strongest, nearest_action(least))
+        if most < -_NONE:
+            strongest = max(hardest, min(strongest, nearest_action(most)))
+    return hardest, strongest
 
 
 @inlined_kernel
-def cut_to_class(v: NDArray[np.void], i: int, action: int, road: RoadNumbers) -> int:
+def cut_to_class(w: World, i: int, action: int, road: RoadNumbers) -> int:
     """Return an acceleration's action, cut to the limits of vehicle i's class."""
     if action < FIRST_ACCELERATION:
         return action
-    hardest, strongest = possible_actions(v, i, road)
+    hardest, strongest = possible_actions(w, i, road)
     return max(hardest, min(strongest, action))

@@ -60,7 +60,11 @@ VEHICLE = _record(
     ("habit", "f8", "the quantile that it returns to, 0 to 1"),
     ("desired_speed", "f8", "[m/s]"),
     ("change_time", "f8", "how long its undisturbed lane changes take [s]"),
-    ("signals", "i4", "1 if its driver sets the indicator before it changes lanes"),
+    (
+        "signals",
+        "i4",
+        "1 if its driver sets the indicator before it changes lanes, plus `road.lanes.EXITS` if it takes the exit",
+    ),
     ("away", "i4", "1 if its driver looked away from the road in the last second"),
     ("commanded", "f8", "the acceleration that was decided last [m/s2]"),
     ("acceleration_held", "f8", "the acceleration from which motion goes to `commanded` [m/s2]"),

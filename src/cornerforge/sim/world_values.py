@@ -24,7 +24,7 @@ _WITHIN: dict[str, tuple[float, float]] = {
     "vehicles.kind": (0, len(CLASSES) - 1),
     "vehicles.quantile": (0, 1),
     "vehicles.habit": (0, 1),
-    "vehicles.signals": _YES_OR_NO,
+    "vehicles.signals": (0, 3),
     "vehicles.away": _YES_OR_NO,
     "vehicles.noise": (-1, 1),
     "noticed": _TENTHS,

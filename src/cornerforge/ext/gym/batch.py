@@ -68,6 +68,7 @@ OUTCOMES = {
     outcome.AV_CRASH: "av-crash",
     outcome.BV_CRASH: "bv-crash",
     outcome.TIME_UP: "time-up",
+    outcome.LEFT_ROAD: "left-road",
     agents.NOBODY_LEFT: "nobody-left",
     outcome.AV_FAULT: "av-fault",
 }

@@ -1,0 +1,283 @@
+"""Lanes that begin and end, for kernels: which lanes are there, where each must be left, and how urgent that is.
+
+Kernels read one table a road (`RoadNumbers.lanes`), in the simulator's x. On a road all of whose lanes go on (`varied`
+is False) none of it is looked up.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.road.network import Lane, LaneKind, Road
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from cornerforge.road.straight import RoadNumbers
+    from cornerforge.types import Odd
+
+__all__ = [
+    "EXITS",
+    "NO_PLACE",
+    "ROOM_TO_START",
+    "URGENT_TIME",
+    "LaneTable",
+    "av_lanes_at",
+    "has_lane",
+    "has_left",
+    "hurry",
+    "lane_table",
+    "lanes_of",
+    "may_change",
+    "must_leave_by",
+    "on_a_ramp",
+    "room_to_stop",
+    "side_to_leave",
+    "side_to_leave_lane",
+    "takes_exit",
+]  # fmt: skip
+
+URGENT_TIME = 20.0
+"""Time before the end of a lane from which drivers want to leave it [s]: at 30 m/s 600 m, the distance at which German
+and US signs announce that a lane ends (RSA 21: 400 to 800 m; MUTCD 2009, table 2C-4: 400 m at 70 mph)."""
+EXITS = 2
+"""Bit of `sim.world.VEHICLE`'s `signals`: it takes the exit."""
+NO_PLACE = math.inf
+ROOM_TO_START = 20.0
+"""Drivers that must stop at the end of a lane leave so much of it to start from [m]."""
+_LEAST_SPEED = 5.0
+"""Speed with which urgency is reckoned at least [m/s]."""
+_SLOW = 8.0
+"""Below this speed a lane change takes longer [m/s]."""
+_HURRY = 0.55
+"""At full urgency a lane change takes so much less of its time."""
+_STRETCHES = 4
+"""Most stretches of one slot."""
+_BEGIN, _END, _LEAVE_BY, _RAMP = range(4)
+_NOWHERE = -math.inf
+
+
+class LaneTable(NamedTuple):
+    """Lanes of a road as kernels take them.
+
+    Attributes:
+        stretches: By slot and stretch: begin, end, where a vehicle that drives through must have left it (inf:
+            nowhere) [m], and 1 for a ramp; a stretch that is not there ends before it begins, (n_lanes, 4, 4).
+        varied: Some lane begins, ends or may not be left.
+        exit_slot: Slot of the lane that leads to the exit, -1: there is no exit.
+        exit_by: Where a vehicle that takes the exit must be in that slot [m].
+    """
+
+    stretches: NDArray[np.float64]
+    varied: bool
+    exit_slot: int
+    exit_by: float
+
+
+def lanes_of(odd: Odd) -> tuple[Lane, ...]:
+    """Give the lanes of an ODD's road by slot and begin, along the simulator's x; a straight road's from -inf to inf.
+
+    The first and last lanes of a road from a file go on beyond its ends, as traffic does there too.
+    """
+    road = odd.road
+    if road is None:
+        return tuple(Lane(slot, -math.inf, math.inf) for slot in range(odd.n_lanes))
+    return tuple(
+        replace(
+            lane,
+            begin=lane.begin - odd.road_at if lane.begin > 0.0 else -math.inf,
+            end=lane.end - odd.road_at if lane.end < road.length else math.inf,
+            left=tuple(replace(line, s=line.s - odd.road_at) for line in lane.left),
+            right=tuple(replace(line, s=line.s - odd.road_at) for line in lane.right),
+        )
+        for lane in road.lanes
+    )
+
+
+def _leave_by(road: Road, lane: Lane) -> float:
+    """Find where a vehicle that drives through must have left a lane; inf: it may stay to the road's end or exit."""
+    while lane.end < road.length:
+        after = road.open_after(lane)
+        if lane.kind == "deceleration" or (after is None and lane.kind != "ramp"):
+            return lane.end
+        if after is None:
+            return math.inf
+        lane = after
+    return math.inf
+
+
+def lane_table(odd: Odd) -> LaneTable:
+    """Make the table of an ODD's lanes."""
+    road = odd.road
+    table = np.zeros((odd.n_lanes, _STRETCHES, 4))
+    table[:, :, _BEGIN], table[:, :, _END], table[:, :, _LEAVE_BY] = math.inf, -math.inf, math.inf
+    if road is None:
+        table[:, 0, _BEGIN], table[:, 0, _END] = -math.inf, math.inf
+        return LaneTable(table, False, -1, math.inf)
+    exit_slot, exit_by = -1, math.inf
+    for slot in range(odd.n_lanes):
+        rows: list[list[float]] = []
+        for lane, shown in zip(road.lanes, lanes_of(odd), strict=True):
+            if lane.slot != slot or lane.kind == "closed":
+                continue
+            by, is_ramp = _leave_by(road, lane) - odd.road_at, float(lane.kind == "ramp")
+            if lane.kind == "deceleration":
+                exit_slot, exit_by = slot, shown.end
+            if rows and rows[-1][_END] == shown.begin and rows[-1][2:] == [by, is_ramp]:
+                rows[-1][_END] = shown.end
+            else:
+                rows.append([shown.begin, shown.end, by, is_ramp])
+        table[slot, : len(rows)] = rows
+    varied = bool((table[:, 0, _BEGIN] > -math.inf).any() or (table[:, 0, _END] < math.inf).any())
+    return LaneTable(table, varied, exit_slot, exit_by)
+
+
+def av_lanes_at(odd: Odd, x: float) -> tuple[int, ...]:
+    """Say in which lanes the AV may start at x [m]: on the ramp, or on the road, by its task."""
+    wanted: set[LaneKind] = {"ramp", "acceleration"} if odd.task == "ramp" else {"through"}
+    return tuple(lane.slot for lane in lanes_of(odd) if lane.kind in wanted and lane.begin <= x < lane.end)
+
+
+@inlined_kernel
+def _stretch(lane: int, x: float, road: RoadNumbers) -> int:
+    """Find the stretch of a slot that x lies on, -1: there is no lane."""
+    for k in range(_STRETCHES):
+        if road.lanes.stretches[lane, k, _BEGIN] <= x < road.lanes.stretches[lane, k, _END]:
+            return k
+    return -1
+
+
+@inlined_kernel
+def takes_exit(v: NDArray[np.void], i: int) -> bool:
+    """Does vehicle i take the exit?"""
+    exits: bool = v[i].signals & EXITS != 0
+    return exits
+
+
+@inlined_kernel
+def has_lane(lane: int, x: float, road: RoadNumbers) -> bool:
+    """Is there a lane in a slot at x, open to traffic, ramps too?"""
+    if lane < 0 or lane >= road.n_lanes:
+        return False
+    return not road.lanes.varied or _stretch(lane, x, road) >= 0
+
+
+@inlined_kernel
+def on_a_ramp(lane: int, x: float, road: RoadNumbers) -> bool:
+    """Is the lane in a slot at x a ramp, which none may leave?"""
+    if not road.lanes.varied:
+        return False
+    k = _stretch(lane, x, road)
+    return k >= 0 and road.lanes.stretches[lane, k, _RAMP] == 1.0
+
+
+@inlined_kernel
+def may_change(v: NDArray[np.void], i: int, lane: int, road: RoadNumbers) -> bool:
+    """May vehicle i change from the lane that it keeps to `lane` where it is now? Gaps are not looked at."""
+    if lane < 0 or lane >= road.n_lanes:
+        return False
+    if not road.lanes.varied:
+        return True
+    return _may_cross(v, i, lane, road)
+
+
+@kernel
+def _may_cross(v: NDArray[np.void], i: int, lane: int, road: RoadNumbers) -> bool:
+    there = has_lane(lane, v[i].x, road) and not on_a_ramp(lane, v[i].x, road)
+    return there and not on_a_ramp(v[i].target_lane, v[i].x, road)
+
+
+@inlined_kernel
+def must_leave_by(lane: int, x: float, exits: bool, road: RoadNumbers) -> float:
+    """Find where a vehicle at x must have left a lane; inf: nowhere; -inf: there is no lane.
+
+    Args:
+        lane: Slot.
+        x: Where the vehicle is [m].
+        exits: It takes the exit.
+        road: Constants.
+    """
+    k = _stretch(lane, x, road)
+    if k < 0:
+        return _NOWHERE
+    if exits and lane == road.lanes.exit_slot:
+        return NO_PLACE
+    by: float = road.lanes.stretches[lane, k, _LEAVE_BY]
+    return by
+
+
+@inlined_kernel
+def side_to_leave(v: NDArray[np.void], i: int, road: RoadNumbers) -> tuple[int, float]:
+    """Find the side to which vehicle i must change lanes sooner or later, and how urgent that is.
+
+    The urgency grows from 0, `URGENT_TIME` before the lane must be left, to 1 there; for each further lane to cross to
+    an exit it begins so much earlier.
+
+    Returns:
+        1 left, -1 right, 0: it need not change; urgency from 0 to 1.
+    """
+    if not road.lanes.varied:
+        return 0, 0.0
+    return side_to_leave_lane(v, i, v[i].target_lane, road)
+
+
+@kernel
+def side_to_leave_lane(v: NDArray[np.void], i: int, lane: int, road: RoadNumbers) -> tuple[int, float]:
+    """Do the same as `side_to_leave` for vehicle i in another lane."""
+    x, exits = v[i].x, takes_exit(v, i)
+    lanes = 1
+    if exits and lane != road.lanes.exit_slot:
+        by = road.lanes.exit_by
+        lanes = abs(lane - road.lanes.exit_slot)
+        side = 1 if road.lanes.exit_slot > lane else -1
+        if x >= by:  # the exit is missed
+            by = NO_PLACE
+    else:
+        by = must_leave_by(lane, x, exits, road)
+        if by == NO_PLACE:
+            return 0, 0.0
+        left = must_leave_by(lane + 1, x, exits, road) if lane + 1 < road.n_lanes else _NOWHERE
+        right = must_leave_by(lane - 1, x, exits, road) if lane > 0 else _NOWHERE
+        side = 1 if left >= right else -1
+    if not -NO_PLACE < by < NO_PLACE:
+        return 0, 0.0
+    time = (by - x) / (max(v[i].speed, _LEAST_SPEED) * lanes)
+    urgency = min(1.0, 1.0 - time / URGENT_TIME)
+    return (side, urgency) if urgency > 0.0 else (0, 0.0)
+
+
+@inlined_kernel
+def hurry(v: NDArray[np.void], i: int, road: RoadNumbers) -> float:
+    """Compute the part of its usual time that a lane change of vehicle i takes: less where it must leave its lane.
+
+    A vehicle that stands takes twice the time, as it must begin to move first.
+    """
+    urgency = side_to_leave(v, i, road)[1]
+    if urgency == 0.0:
+        return 1.0
+    slow: float = max(0.0, 1.0 - v[i].speed / _SLOW)
+    return 1.0 - _HURRY * urgency + slow
+
+
+@inlined_kernel
+def room_to_stop(v: NDArray[np.void], i: int, road: RoadNumbers) -> float:
+    """Compute the room in which vehicle i must come to a stop, unless it leaves its lane [m]; inf: its lane goes on."""
+    by = must_leave_by(v[i].target_lane, v[i].x, takes_exit(v, i), road)
+    if v[i].target_lane == road.lanes.exit_slot:
+        by = NO_PLACE  # it takes the exit if it cannot merge
+    if by == _NOWHERE:
+        return NO_PLACE
+    room: float = by - v[i].x - 0.5 * v[i].length - ROOM_TO_START
+    return max(room, 0.1)
+
+
+@inlined_kernel
+def has_left(v: NDArray[np.void], i: int, road: RoadNumbers) -> bool:
+    """Is vehicle i where no lane is any more? The lane of its centre counts."""
+    lane = min(max(math.floor(v[i].y / road.lane_width), 0), road.n_lanes - 1)
+    return _stretch(lane, v[i].x, road) < 0
