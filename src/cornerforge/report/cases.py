@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from cornerforge.analysis.avoidability import WayOut
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.metrics.risk import lane_ttc, plane_ttc
+from cornerforge.report.surface import surface_of
 from cornerforge.road.straight import along
 from cornerforge.types import ACTIONS, CLASSES, FRAME_S, Scenario
 
@@ -61,7 +63,8 @@ def case_data(
     decimals, headings in rad, rounded to 4. `vehicles[0]` is the AV. A vehicle's lists begin at its frame `from`;
     `critical`, `action` and `p_nde` have one entry a decision (every 10 frames from the test's start, frame 0); `ttc`
     and `ttcPlane` one a shown frame, null for infinite. `first` is the index of the first frame shown. `wayOut` is like
-    a vehicle: the AV on a way out, up to the last frame shown; null without a way out.
+    a vehicle: the AV on a way out, up to the last frame shown; null without a way out. `surface` holds the areas and
+    lines of `report.surface`, as lists, null for infinite; it is absent on a road of `lanes` that all go on.
 
     Args:
         case_id: Name of the case, `seed:test`.
@@ -86,6 +89,7 @@ def case_data(
         "frames": n_frames - first,
         "lanes": scenario.odd.n_lanes,
         "laneWidth": scenario.odd.lane_width,
+        **_surface(scenario),
         "maxSpeed": scenario.odd.max_speed,
         "vehicles": [_vehicle(scenario, column, near[:, column], first) for column in columns],
         "wayOut": None if way_out is None else ghost(scenario, way_out, first),
@@ -97,6 +101,16 @@ def case_data(
         "ttc": [] if told is None else _rounded(lane_ttc(scenario, told)[first:]),
         "ttcPlane": [] if told is None else _rounded(plane_ttc(scenario, told)[first:]),
     }
+
+
+def _surface(scenario: Scenario) -> dict[str, Any]:
+    odd = scenario.odd
+    found, plain = surface_of(odd, float(scenario.x[0, 0])), surface_of(replace(odd, road=None, task="through"))
+    if found == plain:
+        return {}
+    areas = [_rounded(np.array(area)) for area in found.areas]
+    lines = [[*_rounded(np.array(line[:4])), line.mark] for line in found.lines]
+    return {"surface": {"areas": areas, "lines": lines}}
 
 
 def first_shown(scenario: Scenario) -> int:

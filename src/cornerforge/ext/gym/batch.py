@@ -215,7 +215,7 @@ class Batch(ABC):
             )
             return None
         self.check_begun()
-        return [top_view(self.worlds, b, self.run.setting.road) for b in range(self.n)]
+        return [top_view(self.worlds, b, self.run.odd) for b in range(self.n)]
 
     @contextmanager
     def _alone(self) -> Iterator[None]:

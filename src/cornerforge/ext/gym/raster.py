@@ -7,48 +7,66 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.road.straight import RoadNumbers, along, lane_centre
+from cornerforge.report.surface import MARKS, outline, strokes, surface_of
+from cornerforge.road.straight import along
 from cornerforge.sim import World
+from cornerforge.types import Odd
 
 __all__ = ["top_view"]
 
 _BEHIND, _AHEAD = 50.0, 100.0
 _VERGE = 2.0
 _PIXELS_PER_M = 6
-_GRASS, _ASPHALT, _PAINT = (70, 100, 60), (60, 60, 64), (235, 235, 235)
+_GRASS, _ASPHALT, _PAINT, _BARRIER = (70, 100, 60), (60, 60, 64), (235, 235, 235), (200, 50, 45)
 _OTHER, _AV, _CONTROLLED, _GLASS = (200, 200, 200), (70, 140, 255), (230, 70, 60), (25, 30, 40)
-_DASH, _PERIOD = 3.0, 12.0
-_LINE = 0.15
 
 
-def top_view(worlds: World, b: int, road: RoadNumbers) -> NDArray[np.uint8]:
+def top_view(worlds: World, b: int, odd: Odd) -> NDArray[np.uint8]:
     """Draw world b, uint8 (height, width, 3): x to the right, left lanes above, 6 pixels to the metre.
 
     From 50 m behind to 100 m ahead of the AV (blue); the controlled BV is red, others are grey; the dark stripe is the
-    windscreen. Its size depends on the number and width of lanes only.
+    windscreen. Its size depends on the number and width of lanes only. Lines are twice as wide as on the road.
     """
     v = worlds.vehicles[b]
     state = worlds.state[b, 0]
     first = float(along(_BEHIND, v["x"][0]))
-    top = road.n_lanes * road.lane_width + _VERGE
+    top = odd.n_lanes * odd.lane_width + _VERGE
     width = round((_BEHIND + _AHEAD) * _PIXELS_PER_M)
     height = round((top + _VERGE) * _PIXELS_PER_M)
     x = first + (np.arange(width) + 0.5) / _PIXELS_PER_M
     y = top - (np.arange(height) + 0.5) / _PIXELS_PER_M
     image = np.empty((height, width, 3), dtype=np.uint8)
     image[:] = _GRASS
-    image[(y > 0.0) & (y < top - _VERGE)] = _ASPHALT
-    dashed = (x % _PERIOD) < _DASH
-    for lane in range(road.n_lanes + 1):
-        edge = lane_centre(lane, road.lane_width) - 0.5 * road.lane_width
-        inside = np.ones_like(dashed) if lane in (0, road.n_lanes) else dashed
-        image[np.ix_(np.abs(y - edge) < _LINE, inside)] = _PAINT
+    surface, last = surface_of(odd), first + _BEHIND + _AHEAD
+    for area in surface.areas:
+        _fill(image, x, y, outline(area, first, last, 0.0), _ASPHALT)
+    for line in surface.lines:
+        h = MARKS[line.mark][0]
+        for (begin, y0), (end, y1) in strokes(line, first, last):
+            along_it = [(begin, y0 - h), (end, y1 - h), (end, y1 + h), (begin, y0 + h)]
+            across = [(begin - h, y0), (begin + h, y0), (begin + h, y1), (begin - h, y1)]
+            corners = np.array(across if begin == end else along_it)
+            _fill(image, x, y, corners, _BARRIER if line.mark == "barrier" else _PAINT)
     for i in range(int(state["n_vehicles"]) - 1, -1, -1):
         length = v["length"][i]
         if v["present"][i] and -_BEHIND - length < along(v["x"][0], v["x"][i]) < _AHEAD + length:
             colour = _AV if i == 0 else _CONTROLLED if i == state["controlled"] else _OTHER
             _draw_box(image, x, y, v[i], colour)
     return image
+
+
+def _fill(
+    image: NDArray[np.uint8],
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    corners: NDArray[np.float64],
+    colour: tuple[int, int, int],
+) -> None:
+    """Paint what lies between two places along the road and two straight sides, as `surface.outline` gives it."""
+    columns = slice(*np.searchsorted(x, corners[:2, 0]))
+    rows = slice(*np.searchsorted(-y, (-corners[:, 1].max(), -corners[:, 1].min())))
+    right, left = np.interp(x[columns], *corners[:2].T), np.interp(x[columns], *corners[:1:-1].T)
+    image[rows, columns][(y[rows, None] > right) & (y[rows, None] < left)] = colour
 
 
 def _draw_box(

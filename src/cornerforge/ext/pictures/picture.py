@@ -16,6 +16,7 @@ from cornerforge.ext.pictures.film import check_film, film
 from cornerforge.geometry import Box
 from cornerforge.report.drawing import BLUE, GREEN, GREY, ORANGE, check_matplotlib, new_figure, png_of, svg_of
 from cornerforge.report.moments import corners_of
+from cornerforge.report.surface import Mark, strokes, surface_of
 from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S, Scenario
 from cornerforge.work.progress import NO_PROGRESS, Progress
@@ -25,6 +26,11 @@ __all__ = ["avoidance_figure", "check_picture", "check_video", "save_picture", "
 _FORMATS = {".png": png_of, ".svg": svg_of}
 _BEFORE_S, _LONGEST_BEFORE_S = 2.0, 6.0
 _AHEAD_M = 30.0
+_LINES: dict[Mark, tuple[str, float, Any]] = {
+    "solid": ("black", 1.2, "-"), "broken": (GREY, 0.8, (0, (8, 6))), "wide": (GREY, 2.4, (0, (3, 3))),
+    "barrier": ("#CC2936", 2.4, "-"), "hatch": (GREY, 1.2, "-"),
+}  # fmt: skip
+"""Colour, width [pt] and dashes of the lines on the road."""
 _LABELS = {
     "unavoidable": "unavoidable once the manoeuvre had begun",
     "by braking": "avoidable by braking or accelerating",
@@ -166,10 +172,11 @@ def _draw_road(
     t = _times(first, last)
     x_contact = float(scenario.x[last, 0])
     pace = float(along(scenario.x[first, 0], x_contact)) / max(-float(t[0]), FRAME_S)
-    for lane in range(odd.n_lanes + 1):
-        edge = lane in (0, odd.n_lanes)
-        panel.axhline(lane * odd.lane_width, color="black" if edge else GREY, linewidth=1.2 if edge else 0.8,
-                      linestyle="-" if edge else (0, (8, 6)), zorder=1)  # fmt: skip
+    for line in surface_of(odd, x_contact).lines:
+        colour, width, style = _LINES[line.mark]
+        whole = line if line.mark == "hatch" else line._replace(mark="solid")
+        for ends in strokes(whole, -_AHEAD_M, _AHEAD_M):
+            panel.plot(*np.transpose(ends), color=colour, linewidth=width, linestyle=style, zorder=1)
     for j in range(scenario.slot.size - 1, -1, -1):
         seen = scenario.present[first : last + 1, j]
         x = along(x_contact, scenario.x[first : last + 1, j]) - pace * t

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from cornerforge.analysis.avoidability import WayOut
 from cornerforge.report.moments import Moment, Moments, overlap_of
+from cornerforge.report.surface import MARKS, outline, strokes, surface_of
 from cornerforge.types import FRAME_S, TRUCK, Scenario
 
 __all__ = ["PRINT", "SCREEN", "Look", "RoadView", "draw_moment", "name_of"]
 
-_DASH_M, _DASH_EVERY_M = 3.0, 12.0
-_LINE_M = 0.15
 _SHOULDER_M = 0.3
 _ARROW_M = 7.0
 _SETTLED_M = 0.25
@@ -111,12 +110,13 @@ class RoadView:
         labelled: bool = True,
         margin: tuple[float, float] = (1.0, 1.0),
     ) -> None:
-        from matplotlib.collections import LineCollection, PolyCollection
+        from matplotlib.collections import LineCollection, PathCollection, PolyCollection
         from matplotlib.patches import Rectangle
 
         self._axes, self._moments, self._look, self._span = axes, moments, look, span
         self._way_out, self._scale, self._labelled = way_out, points_per_metre, labelled
         odd = moments.scenario.odd
+        self._surface = surface_of(odd, float(moments.scenario.x[0, 0]))
         top = odd.n_lanes * odd.lane_width
         axes.set_xlim(*span)
         axes.set_ylim(-margin[0], top + margin[1])
@@ -126,13 +126,8 @@ class RoadView:
         axes.add_patch(
             Rectangle((span[0], -margin[0]), wide, top + sum(margin), color=look.verge, linewidth=0, zorder=0)
         )
-        axes.add_patch(
-            Rectangle((span[0], -_SHOULDER_M), wide, top + 2 * _SHOULDER_M, color=look.road, linewidth=0, zorder=0.1)
-        )
-        line = max(0.6, _LINE_M * points_per_metre)
-        for y in (0.0, top):
-            axes.plot(span, (y, y), color=look.paint, linewidth=line, zorder=0.2, solid_capstyle="butt")
-        lanes: Any = LineCollection([], colors=look.paint, linewidths=line, zorder=0.3, capstyle="butt")
+        asphalt: Any = PathCollection([], facecolors=look.road, linewidths=0, zorder=0.1)
+        lines: Any = LineCollection([], zorder=0.3, capstyle="butt")
         trails: Any = LineCollection([], zorder=0.4, linewidths=max(1.0, 0.3 * points_per_metre), alpha=0.8)
         bodies: Any = PolyCollection([], zorder=2, linewidths=look.line)
         glass: Any = PolyCollection([], zorder=2.1, facecolors=look.glass, linewidths=0)
@@ -143,17 +138,17 @@ class RoadView:
         )
         crash: Any = PolyCollection([], zorder=4, facecolors=look.contact, linewidths=0)
         (ring,) = axes.plot([], [], color=look.contact, linewidth=1.6, zorder=4)
-        self._lanes, self._trails, self._bodies, self._glass = lanes, trails, bodies, glass
+        self._asphalt, self._lines, self._trails, self._bodies, self._glass = asphalt, lines, trails, bodies, glass
         self._arrows, self._heads, self._ghost, self._crash, self._ring = arrows, heads, ghost, crash, ring
         self._texts: dict[int, Any] = {}
-        for artist in (lanes, trails, arrows, heads, bodies, glass, ghost, crash):
+        for artist in (asphalt, lines, trails, arrows, heads, bodies, glass, ghost, crash):
             axes.add_collection(artist, autolim=False)
             artist.set_clip_on(True)
 
     def moving(self) -> list[Any]:
         """All artists that `show` changes, in the order in which they are drawn."""
-        fixed = (self._lanes, self._trails, self._arrows, self._heads, self._bodies, self._glass, self._ghost,
-                 self._crash, self._ring)  # fmt: skip
+        fixed = (self._asphalt, self._lines, self._trails, self._arrows, self._heads, self._bodies, self._glass,
+                 self._ghost, self._crash, self._ring)  # fmt: skip
         return [*fixed, *self._texts.values()]
 
     def show(self, moment: Moment) -> None:
@@ -173,7 +168,7 @@ class RoadView:
         self._bodies.set_facecolors(fills)
         self._bodies.set_edgecolors(self._look.edge)
         self._glass.set_verts(_windscreens(boxes, [int(scenario.kind[c]) for c in columns], scenario, columns))
-        self._show_lanes(here)
+        self._show_road(here)
         self._show_trails(moment, here)
         self._show_arrows(moment, columns, here, fills)
         ghost = None if self._way_out is None else moments.ghost(self._way_out, moment.time)
@@ -186,16 +181,16 @@ class RoadView:
         look = self._look
         return look.av if column == 0 else look.partner if column == self._moments.partner else look.other
 
-    def _show_lanes(self, here: float) -> None:
-        odd, (low, high) = self._moments.scenario.odd, self._span
-        starts = np.arange((here + low) // _DASH_EVERY_M, (here + high) // _DASH_EVERY_M + 1.0) * _DASH_EVERY_M - here
-        lines = [
-            [(max(start, low), lane * odd.lane_width), (min(start + _DASH_M, high), lane * odd.lane_width)]
-            for lane in range(1, odd.n_lanes)
-            for start in starts.tolist()
-            if start < high and start + _DASH_M > low
-        ]
-        self._lanes.set_segments(lines)
+    def _show_road(self, here: float) -> None:
+        from matplotlib.path import Path
+
+        look, low, high = self._look, here + self._span[0], here + self._span[1]
+        outlines = [Path(outline(area, low, high, _SHOULDER_M) - [here, 0.0]) for area in self._surface.areas]
+        self._asphalt.set_paths([Path.make_compound_path(*outlines)])  # one, so that no seams show
+        drawn = [(stroke, line.mark) for line in self._surface.lines for stroke in strokes(line, low, high)]
+        self._lines.set_segments([np.subtract(stroke, (here, 0.0)) for stroke, _ in drawn])
+        self._lines.set_linewidths([max(0.6, MARKS[mark][0] * self._scale) for _, mark in drawn])
+        self._lines.set_colors([look.contact if mark == "barrier" else look.paint for _, mark in drawn])
 
     def _show_trails(self, moment: Moment, here: float) -> None:
         partner = self._moments.partner
@@ -266,7 +261,7 @@ class RoadView:
             fontweight="bold" if bold else "normal", clip_on=True,
             bbox={"facecolor": look.plate, "edgecolor": "none", "pad": 0.8, "alpha": 0.85},
         )  # fmt: skip
-        text.set_animated(self._lanes.get_animated())
+        text.set_animated(self._lines.get_animated())
         self._texts[column] = text
         return text
 
