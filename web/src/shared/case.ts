@@ -2,6 +2,9 @@
 
 export type Kind = "car" | "truck" | "motorcycle";
 
+/** How a line on the road looks; a hatch fills the rectangle of which it is the diagonal. */
+export type Mark = "solid" | "broken" | "wide" | "barrier" | "hatch";
+
 /** The motion of one vehicle, every 0.1 s. Its lists begin at frame `from`; a null is a frame that was not recorded. */
 export interface Motion {
   readonly length: number;
@@ -29,6 +32,11 @@ export interface Case {
   readonly frames: number;
   readonly lanes: number;
   readonly laneWidth: number;
+  /** Asphalt and lines of a road whose lanes do not all go on; a null is where one goes on. */
+  readonly surface?: {
+    readonly areas: readonly (readonly [begin: number | null, end: number | null, right: number, left: number, rightEnd: number, leftEnd: number])[];
+    readonly lines: readonly (readonly [begin: number | null, y: number, end: number | null, yEnd: number, mark: Mark])[];
+  };
   readonly maxSpeed: number;
   readonly vehicles: readonly Vehicle[];
   /** The AV on its last way out. */

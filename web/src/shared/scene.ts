@@ -3,6 +3,7 @@ import type { Case, Motion } from "./case";
 import type { Colours } from "./colours";
 import { type Rect, place } from "./labels";
 import { type Box, type Point, boxAt, changesTo, criticalAt, gapAlong, touch } from "./motion";
+import { MARKS, outlines, strokes, surfaceOf } from "./surface";
 import { brakes, trail } from "./trails";
 
 /** A vehicle that was not there: where the AV would be had it acted otherwise. */
@@ -62,19 +63,26 @@ function makeView(item: Case, middle: number, width: number, height: number, met
 }
 
 function drawRoad(g: Pen, view: View, item: Case, colours: Colours, detail: boolean): void {
-  const [top, bottom] = [view.py(item.lanes * item.laneWidth), view.py(0)];
+  const surface = surfaceOf(item);
   g.fillStyle = colours.verge;
   g.fillRect(0, 0, view.width, view.height);
   g.fillStyle = colours.road;
-  g.fillRect(0, top - 0.3 * view.scale, view.width, bottom - top + 0.6 * view.scale);
-  g.fillStyle = colours.paint;
-  const line = Math.max(1, 0.15 * view.scale);
-  for (const y of [top, bottom]) g.fillRect(0, y - line / 2, view.width, line);
-  for (let lane = 1; lane < item.lanes; lane++) {
-    const y = view.py(lane * item.laneWidth) - line / 2;
-    for (let x = Math.floor(view.left / 12) * 12; x < view.right; x += 12) g.fillRect(view.px(x), y, 3 * view.scale, line);
+  g.beginPath(); // one path, so that no seams show
+  for (const corners of outlines(surface, view.left, view.right, 0.3)) {
+    corners.forEach(([x, y], i) => (i === 0 ? g.moveTo(view.px(x), view.py(y)) : g.lineTo(view.px(x), view.py(y))));
   }
-  if (detail) drawRuler(g, view, bottom + 0.5 * view.scale, colours);
+  g.fill();
+  for (const line of surface.lines) {
+    g.strokeStyle = line[4] === "barrier" ? colours.contact : colours.paint;
+    g.lineWidth = Math.max(1, MARKS[line[4]][0] * view.scale);
+    g.beginPath();
+    for (const [[x0, y0], [x1, y1]] of strokes(line, view.left, view.right)) {
+      g.moveTo(view.px(x0), view.py(y0));
+      g.lineTo(view.px(x1), view.py(y1));
+    }
+    g.stroke();
+  }
+  if (detail) drawRuler(g, view, view.py(-0.5), colours);
 }
 
 function drawRuler(g: Pen, view: View, y: number, colours: Colours): void {

@@ -14,6 +14,7 @@
 //   web/src/shared/labels.ts
 //   web/src/shared/motion.ts
 //   web/src/shared/scene.ts
+//   web/src/shared/surface.ts
 //   web/src/shared/trails.ts
 "use strict";
 (() => {
@@ -124,6 +125,36 @@
     return [...near, ...far];
   }
 
+  // src/shared/surface.ts
+  var MARKS = {
+    solid: [0.15, 0, 0],
+    broken: [0.15, 3, 12],
+    wide: [0.3, 3, 6],
+    barrier: [0.4, 0, 0],
+    hatch: [0.4, 3, 6]
+  };
+  function surfaceOf({ surface, lanes, laneWidth }) {
+    if (surface) return surface;
+    const lines = Array.from({ length: lanes + 1 }, (_, i) => [null, i * laneWidth, null, i * laneWidth, i % lanes === 0 ? "solid" : "broken"]);
+    return { areas: [[null, null, 0, lanes * laneWidth, 0, lanes * laneWidth]], lines };
+  }
+  var outlines = ({ areas }, low, high, shoulder) => areas.map(([begin, end, right, left, rightEnd, leftEnd]) => [
+    [begin ?? low, right - shoulder],
+    [end ?? high, rightEnd - shoulder],
+    [end ?? high, leftEnd + shoulder],
+    [begin ?? low, left + shoulder]
+  ]);
+  function strokes([from, y, to, yEnd, mark], low, high) {
+    const [, long, every] = MARKS[mark];
+    const [first, last] = [from ?? -Infinity, to ?? Infinity];
+    const [begin, end] = [Math.max(first, low), Math.min(last, high)];
+    if (begin > end) return [];
+    if (every === 0) return [y === yEnd ? [[begin, y], [end, y]] : [[first, y], [last, yEnd]]];
+    const places = Array.from({ length: Math.floor(end / every) - Math.floor(begin / every) + 1 }, (_, i) => (Math.floor(begin / every) + i) * every);
+    if (mark === "hatch") return places.filter((s) => first <= s && s + long <= last).map((s) => [[s, y], [s + long, yEnd]]);
+    return places.filter((s) => s + long > begin && s < end).map((s) => [[Math.max(s, begin), y], [Math.min(s + long, end), y]]);
+  }
+
   // src/shared/trails.ts
   function trail(motion, frame, seconds, dt) {
     const points = [];
@@ -164,19 +195,26 @@
     };
   }
   function drawRoad(g, view, item, colours, detail) {
-    const [top, bottom] = [view.py(item.lanes * item.laneWidth), view.py(0)];
+    const surface = surfaceOf(item);
     g.fillStyle = colours.verge;
     g.fillRect(0, 0, view.width, view.height);
     g.fillStyle = colours.road;
-    g.fillRect(0, top - 0.3 * view.scale, view.width, bottom - top + 0.6 * view.scale);
-    g.fillStyle = colours.paint;
-    const line = Math.max(1, 0.15 * view.scale);
-    for (const y of [top, bottom]) g.fillRect(0, y - line / 2, view.width, line);
-    for (let lane = 1; lane < item.lanes; lane++) {
-      const y = view.py(lane * item.laneWidth) - line / 2;
-      for (let x = Math.floor(view.left / 12) * 12; x < view.right; x += 12) g.fillRect(view.px(x), y, 3 * view.scale, line);
+    g.beginPath();
+    for (const corners2 of outlines(surface, view.left, view.right, 0.3)) {
+      corners2.forEach(([x, y], i) => i === 0 ? g.moveTo(view.px(x), view.py(y)) : g.lineTo(view.px(x), view.py(y)));
     }
-    if (detail) drawRuler(g, view, bottom + 0.5 * view.scale, colours);
+    g.fill();
+    for (const line of surface.lines) {
+      g.strokeStyle = line[4] === "barrier" ? colours.contact : colours.paint;
+      g.lineWidth = Math.max(1, MARKS[line[4]][0] * view.scale);
+      g.beginPath();
+      for (const [[x0, y0], [x1, y1]] of strokes(line, view.left, view.right)) {
+        g.moveTo(view.px(x0), view.py(y0));
+        g.lineTo(view.px(x1), view.py(y1));
+      }
+      g.stroke();
+    }
+    if (detail) drawRuler(g, view, view.py(-0.5), colours);
   }
   function drawRuler(g, view, y, colours) {
     g.fillStyle = colours.muted;

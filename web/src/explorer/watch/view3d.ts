@@ -8,6 +8,7 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import type { Case, Kind, Motion } from "../../shared/case";
 import type { Colours } from "../../shared/colours";
 import { boxAt, criticalAt, touch } from "../../shared/motion";
+import { type Corners, type Line, MARKS, outlines, strokes, surfaceOf } from "../../shared/surface";
 import { brakes, trail } from "../../shared/trails";
 import { LIGHT, Painter } from "./painter";
 import { type Stuff, faces, triangles, vehicleBlocks } from "./solids";
@@ -133,13 +134,13 @@ class World {
   constructor(private readonly scene: Scene, private readonly item: Case, private readonly colours: Colours) {
     const sky = new Color(colours.verge).lerp(new Color("#7fa8c9"), 0.35);
     const isDark = sky.getHSL({ h: 0, s: 0, l: 0 }).l < 0.5;
-    const grass = new Color(colours.verge).lerp(new Color("#6f8f5a"), isDark ? 0.07 : 0.38);
+    const green = new Color(colours.verge).lerp(new Color("#6f8f5a"), isDark ? 0.07 : 0.38);
     scene.background = sky;
     scene.fog = new Fog(sky, 90, 330);
     const sun = new DirectionalLight("#ffffff", LIGHT.direct * Math.PI);
     sun.position.copy(LIGHT.from);
     scene.add(new AmbientLight("#ffffff", LIGHT.ambient * Math.PI), sun);
-    this.layRoad(grass);
+    this.layRoad(green);
     this.vehicles = item.vehicles.map((vehicle) => this.makeVehicle(vehicle.kind, vehicle.length, vehicle.width));
     this.ribbons = item.vehicles.map(() => {
       const ribbon = flat([], colours.other, ORDER.trail);
@@ -154,29 +155,46 @@ class World {
   }
 
   /** Ground, lanes with their markings, and posts at the verge, which show how fast the AV is. */
-  private layRoad(grass: Color): void {
+  private layRoad(green: Color): void {
     const { item, colours, scene } = this;
     const places = item.vehicles[0]!.x.filter((x) => x !== null);
     const [from, to] = [Math.floor((Math.min(...places) - 180) / 12) * 12, Math.max(...places) + 360];
-    const wide = item.lanes * item.laneWidth;
     const steps = Array.from({ length: Math.ceil((to - from) / 12) }, (_, i) => from + 12 * i);
-    const strips = (y0: number, y1: number, z: number, long = 12) => steps.map((x) => patch(x, x + long, y0, y1, z));
+    const surface = surfaceOf(item);
+    // In pieces, of which the painter leaves out what is far.
+    const strip = ([[x0, r0], [x1, r1], [, l1], [, l0]]: Corners, z: number): Quad[] => steps.flatMap((step) => {
+      const [a, b] = [Math.max(step, x0), Math.min(step + 12, x1)];
+      const at = (x: number, y0: number, y1: number) => [x, y0 + ((y1 - y0) * (x - x0)) / (x1 - x0), z] as const;
+      return a < b ? [[at(a, r0, r1), at(b, r0, r1), at(b, l0, l1), at(a, l0, l1)]] : [];
+    });
+    const painted = (line: Line) => strokes(line, from, to).flatMap(([[x0, y0], [x1, y1]]) => {
+      const h = 0.6 * MARKS[line[4]][0];
+      return strip(x0 === x1 ? [[x0 - h, y0], [x0 + h, y0], [x0 + h, y1], [x0 - h, y1]] : [[x0, y0 - h], [x1, y1 - h], [x1, y1 + h], [x0, y0 + h]], 0.01);
+    });
+    const asphalt = outlines(surface, from, to, 0.9).flatMap((corners) => strip(corners, 0));
+    const [barriers, lines] = [true, false].map((wish) => surface.lines.filter((line) => (line[4] === "barrier") === wish)) as [Line[], Line[]];
+    const grass = flat(steps.map((x) => patch(x, x + 12, -500, 500, -0.02)), green, ORDER.verge);
+    grass.material.depthWrite = false;
     scene.add(
-      flat([...strips(-500, -0.9, -0.02), ...strips(wide + 0.9, wide + 500, -0.02)], grass, ORDER.verge),
-      flat(strips(-0.9, wide + 0.9, 0), colours.road, ORDER.road),
-      flat([...strips(-0.1, 0.1, 0.01), ...strips(wide - 0.1, wide + 0.1, 0.01)], colours.paint, ORDER.paint),
-      flat(Array.from({ length: item.lanes - 1 }, (_, i) => strips((i + 1) * item.laneWidth - 0.08, (i + 1) * item.laneWidth + 0.08, 0.01, 3)).flat(), colours.paint, ORDER.paint),
+      grass,
+      flat(asphalt, colours.road, ORDER.road),
+      flat(lines.flatMap(painted), colours.paint, ORDER.paint),
+      flat(barriers.flatMap(painted), colours.contact, ORDER.paint),
     );
-    const post = (x: number, y: number) => faces({ stuff: "body", bottom: [x - 0.06, x + 0.06, 0.06], top: [x - 0.06, x + 0.06, 0.06], from: 0, to: 1 })
-      .map((face) => face.map(([a, b, c]) => [a, b + y, c] as const));
-    const posts = steps.filter((_, i) => i % 3 === 0);
-    for (const x of posts) {
-      for (const y of [-1.6, wide + 1.6]) {
-        const group = new Group(); // one each, so that the painter can tell which is farther
-        group.position.set(x, y, 0);
-        group.add(solid(post(0, 0), new MeshLambertMaterial({ color: colours.muted })));
-        scene.add(group);
-      }
+    const stand = (x: number, y: number, half: number, colour: string) => {
+      const group = new Group(); // one each, so that the painter can tell which is farther
+      group.position.set(x, y, 0);
+      group.add(solid(faces({ stuff: "body", bottom: [-half, half, half], top: [-half, half, half], from: 0, to: 1 }), new MeshLambertMaterial({ color: colour })));
+      scene.add(group);
+    };
+    for (const x of steps.filter((_, i) => i % 3 === 0)) {
+      const here = asphalt.filter(([a, b]) => a![0] <= x && x < b![0]);
+      stand(x, Math.min(...here.map((quad) => quad[0]![1])) - 0.7, 0.06, colours.muted);
+      stand(x, Math.max(...here.map((quad) => quad[3]![1])) + 0.7, 0.06, colours.muted);
+    }
+    for (const [x0, y0, x1, y1] of barriers) {
+      if (x0 === x1) [0.2, 0.5, 0.8].forEach((part) => stand(x0!, y0 + part * (y1 - y0), 0.15, colours.contact));
+      else steps.filter((x) => x > (x0 ?? from) && x < (x1 ?? to)).forEach((x) => stand(x, y0, 0.15, colours.contact));
     }
   }
 
