@@ -160,6 +160,7 @@ class World {
     const places = item.vehicles[0]!.x.filter((x) => x !== null);
     const [from, to] = [Math.floor((Math.min(...places) - 180) / 12) * 12, Math.max(...places) + 360];
     const steps = Array.from({ length: Math.ceil((to - from) / 12) }, (_, i) => from + 12 * i);
+    const wide = item.lanes * item.laneWidth;
     const surface = surfaceOf(item);
     // In pieces, of which the painter leaves out what is far.
     const strip = ([[x0, r0], [x1, r1], [, l1], [, l0]]: Corners, z: number): Quad[] => steps.flatMap((step) => {
@@ -173,7 +174,8 @@ class World {
     });
     const asphalt = outlines(surface, from, to, 0.9).flatMap((corners) => strip(corners, 0));
     const [barriers, lines] = [true, false].map((wish) => surface.lines.filter((line) => (line[4] === "barrier") === wish)) as [Line[], Line[]];
-    const grass = flat(steps.map((x) => patch(x, x + 12, -500, 500, -0.02)), green, ORDER.verge);
+    const sides = [[-500, -0.9], [-0.9, wide + 0.9], [wide + 0.9, wide + 500]] as const;
+    const grass = flat(sides.flatMap(([y0, y1]) => steps.map((x) => patch(x, x + 12, y0, y1, -0.02))), green, ORDER.verge);
     grass.material.depthWrite = false;
     scene.add(
       grass,
