@@ -14,9 +14,10 @@ from cornerforge.types import Odd
 
 __all__ = ["top_view"]
 
+_Floats = NDArray[np.float64]
+_Colour = tuple[int, int, int]
 _BEHIND, _AHEAD = 50.0, 100.0
-_VERGE = 2.0
-_PIXELS_PER_M = 6
+_VERGE, _PIXELS_PER_M = 2.0, 6
 _GRASS, _ASPHALT, _PAINT, _BARRIER = (70, 100, 60), (60, 60, 64), (235, 235, 235), (200, 50, 45)
 _OTHER, _AV, _CONTROLLED, _GLASS = (200, 200, 200), (70, 140, 255), (230, 70, 60), (25, 30, 40)
 
@@ -55,13 +56,7 @@ def top_view(worlds: World, b: int, odd: Odd) -> NDArray[np.uint8]:
     return image
 
 
-def _fill(
-    image: NDArray[np.uint8],
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    corners: NDArray[np.float64],
-    colour: tuple[int, int, int],
-) -> None:
+def _fill(image: NDArray[np.uint8], x: _Floats, y: _Floats, corners: _Floats, colour: _Colour) -> None:
     """Paint what lies between two places along the road and two straight sides, as `surface.outline` gives it."""
     columns = slice(*np.searchsorted(x, corners[:2, 0]))
     rows = slice(*np.searchsorted(-y, (-corners[:, 1].max(), -corners[:, 1].min())))
@@ -69,13 +64,7 @@ def _fill(
     image[rows, columns][(y[rows, None] > right) & (y[rows, None] < left)] = colour
 
 
-def _draw_box(
-    image: NDArray[np.uint8],
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    vehicle: np.void,
-    colour: tuple[int, int, int],
-) -> None:
+def _draw_box(image: NDArray[np.uint8], x: _Floats, y: _Floats, vehicle: np.void, colour: _Colour) -> None:
     length, width = vehicle["length"], vehicle["width"]
     reach = 0.5 * (length + width)
     columns = np.flatnonzero(np.abs(along(vehicle["x"], x)) < reach)
