@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -9,9 +11,11 @@ from crashes_by_hand import MIDDLE, Car, crash
 from html_page import Page, browse, needs_browser
 
 import cornerforge
+from cornerforge.experiment.roads import road_named
 from cornerforge.ext.pictures.player import player
 from cornerforge.library import CaseLibrary
 from cornerforge.report.cases import case_data
+from cornerforge.types import Scenario
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STRUCK = crash(Car(0.0, MIDDLE, 25.0), Car(40.0, MIDDLE, 15.0))
@@ -84,3 +88,36 @@ def test_the_frame_is_drawn_by_a_browser(tmp_path: Path) -> None:
     document = browse((tmp_path / "page.html").as_uri(), tmp_path / "profile")
     canvas = document.partition('id="look-road"')[2].partition(">")[0]
     assert "width=" in canvas  # the script has set it
+
+
+COUNTS = """
+setTimeout(() => {
+  const canvas = document.getElementById("look-road");
+  const pixels = canvas.getContext("2d").getImageData(Math.floor(0.97 * canvas.width), 0, 1, canvas.height).data;
+  let same = 0;
+  for (let i = 0; i < pixels.length; i += 4) same += [0, 1, 2].every((k) => pixels[i + k] === pixels[k]);
+  document.body.dataset.verge = (4 * same) / pixels.length;
+}, 1000);
+"""
+
+
+def verge(scenario: Scenario, folder: Path) -> float:
+    """The share of grass at the right end of the picture, where the AV is going."""
+    page_of(player("0:7", scenario), folder / "page.html")
+    # The policy forbids foreign scripts, so it goes for the sake of the script that counts.
+    text = re.sub(r"<meta http-equiv[^>]*>", "", (folder / "page.html").read_text(encoding="utf-8"))
+    (folder / "page.html").write_text(text.replace("</body>", f"<script>{COUNTS}</script></body>"), encoding="utf-8")
+    found = re.search(r'data-verge="([^"]*)"', browse((folder / "page.html").as_uri(), folder / "profile"))
+    assert found is not None
+    return float(found[1])
+
+
+@needs_browser
+def test_a_browser_draws_grass_where_no_lane_is(tmp_path: Path) -> None:
+    whole = STRUCK.odd
+    road = replace(road_named("lane-drop"), lane_width=whole.lane_width)
+    ended = replace(whole, road=road, road_at=1000.0)  # its right lane ended 100 m before the AV starts
+    shares = [verge(replace(STRUCK, odd=odd), tmp_path) for odd in (whole, ended)]
+    height = whole.n_lanes * whole.lane_width
+    assert 0.05 < shares[0] < 0.5
+    assert shares[1] - shares[0] > 0.5 * (1.0 - shares[0]) * whole.lane_width / height
