@@ -137,17 +137,14 @@ def _border(lanes: Sequence[Lane], border: int, y: float, bare: Sequence[tuple[f
     cuts = {-inf, inf, *itertools.chain(*bare)}
     for lane, marks in (*((one, one.left) for one in below), *((one, one.right) for one in above)):
         cuts |= {lane.begin, lane.end, *(one.s for one in marks[1:] if lane.begin < one.s < lane.end)}
-    parts = [
-        (
-            begin,
-            end,
-            [] if any(a <= begin < b for a, b in bare) else _marks(_at(below, begin), _at(above, begin), begin),
-        )
-        for begin, end in itertools.pairwise(sorted(cuts))
-    ]
-    for marks, run in itertools.groupby(parts, key=lambda part: part[2]):
-        begins, ends, _ = zip(*run, strict=True)
-        yield from (Line(begins[0], y + aside, ends[-1], y + aside, mark) for aside, mark in marks)
+
+    def painted(part: tuple[float, float]) -> list[tuple[float, Mark]]:
+        s = part[0]
+        return [] if any(a <= s < b for a, b in bare) else _marks(_at(below, s), _at(above, s), s)
+
+    for found, parts in itertools.groupby(itertools.pairwise(sorted(cuts)), key=painted):
+        begins, ends = zip(*parts, strict=True)
+        yield from (Line(begins[0], y + aside, ends[-1], y + aside, mark) for aside, mark in found)
 
 
 def _at(lanes: Sequence[Lane], s: float) -> Lane | None:
@@ -164,7 +161,7 @@ def _marks(right: Lane | None, left: Lane | None, s: float) -> list[tuple[float,
     may = _may_cross(right, right.left, s, left=True), _may_cross(left, left.right, s, left=False)
     if "ramp" in kinds or may == (False, False):
         return [(0.0, "solid")]
-    dashes: Mark = "wide" if len(kinds & {"acceleration", "deceleration"}) == 1 else "broken"
+    dashes: Mark = "wide" if len(kinds) == 2 and "through" in kinds else "broken"
     if may == (True, True):
         return [(0.0, dashes)]
     return [(-_APART, dashes if may[0] else "solid"), (_APART, dashes if may[1] else "solid")]

@@ -36,18 +36,16 @@ def top_view(worlds: World, b: int, odd: Odd) -> NDArray[np.uint8]:
     height = round((top + _VERGE) * _PIXELS_PER_M)
     x = first + (np.arange(width) + 0.5) / _PIXELS_PER_M
     y = top - (np.arange(height) + 0.5) / _PIXELS_PER_M
-    image = np.empty((height, width, 3), dtype=np.uint8)
-    image[:] = _GRASS
+    image = np.full((height, width, 3), _GRASS, dtype=np.uint8)
     surface, last = surface_of(odd), first + _BEHIND + _AHEAD
     for area in surface.areas:
         _fill(image, x, y, outline(area, first, last, 0.0), _ASPHALT)
     for line in surface.lines:
-        h = MARKS[line.mark][0]
+        h, colour = MARKS[line.mark][0], _BARRIER if line.mark == "barrier" else _PAINT
         for (begin, y0), (end, y1) in strokes(line, first, last):
-            along_it = [(begin, y0 - h), (end, y1 - h), (end, y1 + h), (begin, y0 + h)]
             across = [(begin - h, y0), (begin + h, y0), (begin + h, y1), (begin - h, y1)]
-            corners = np.array(across if begin == end else along_it)
-            _fill(image, x, y, corners, _BARRIER if line.mark == "barrier" else _PAINT)
+            along_it = [(begin, y0 - h), (end, y1 - h), (end, y1 + h), (begin, y0 + h)]
+            _fill(image, x, y, np.array(across if begin == end else along_it), colour)
     for i in range(int(state["n_vehicles"]) - 1, -1, -1):
         length = v["length"][i]
         if v["present"][i] and -_BEHIND - length < along(v["x"][0], v["x"][i]) < _AHEAD + length:
@@ -60,6 +58,9 @@ def _fill(image: NDArray[np.uint8], x: _Floats, y: _Floats, corners: _Floats, co
     """Paint what lies between two places along the road and two straight sides, as `surface.outline` gives it."""
     columns = slice(*np.searchsorted(x, corners[:2, 0]))
     rows = slice(*np.searchsorted(-y, (-corners[:, 1].max(), -corners[:, 1].min())))
+    if corners[0, 1] == corners[1, 1] and corners[2, 1] == corners[3, 1]:
+        image[rows, columns] = colour  # a rectangle, several times faster
+        return
     right, left = np.interp(x[columns], *corners[:2].T), np.interp(x[columns], *corners[:1:-1].T)
     image[rows, columns][(y[rows, None] > right) & (y[rows, None] < left)] = colour
 

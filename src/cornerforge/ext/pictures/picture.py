@@ -174,8 +174,7 @@ def _draw_road(
     pace = float(along(scenario.x[first, 0], x_contact)) / max(-float(t[0]), FRAME_S)
     for line in surface_of(odd, x_contact).lines:
         colour, width, style = _LINES[line.mark]
-        whole = line if line.mark == "hatch" else line._replace(mark="solid")
-        for ends in strokes(whole, -_AHEAD_M, _AHEAD_M):
+        for ends in strokes(line if line.mark == "hatch" else line._replace(mark="solid"), -_AHEAD_M, _AHEAD_M):
             panel.plot(*np.transpose(ends), color=colour, linewidth=width, linestyle=style, zorder=1)
     for j in range(scenario.slot.size - 1, -1, -1):
         seen = scenario.present[first : last + 1, j]
