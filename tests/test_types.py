@@ -100,7 +100,7 @@ def test_an_odd_refuses_counts_out_of_range(field: str, value: int) -> None:
 
 def test_all_fields_with_a_dimension_state_their_unit() -> None:
     stated = {name for name, kind in get_type_hints(Odd, include_extras=True).items() if unit_of(kind.__metadata__[0])}
-    assert stated == {*NUMBERS, "slower_right", "max_jerk"}
+    assert stated == {*NUMBERS, "slower_right", "max_jerk", "road_at"}
     assert {f.name for f in dataclasses.fields(Scenario) if "unit" in f.metadata} == {
         "x",
         "y",

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drawn_choices import draw, stated
 from hand_built import WIDE, Car, setting_of, world_of
-from numpy.typing import NDArray
 from reference import giving_way
 from reference import world as slow
 from reference.drivers import AvDriver
@@ -19,7 +19,6 @@ from reference.simulator import Simulator
 from statistical_bounds import l1_bound, l1_distance, rate_fits
 
 import cornerforge
-from cornerforge._jit import kernel
 from cornerforge.drivers.avs import av_named
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.ndd.model import NddModel
@@ -32,7 +31,7 @@ from cornerforge.sim.loop import advance
 from cornerforge.sim.motion import move_vehicle
 from cornerforge.sim.neighbours import sort_by_x
 from cornerforge.sim.outcome import RUNNING
-from cornerforge.sim.scratch import Scratch, allocate_scratch
+from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.scripted import NATURAL, TRAITS, Script, ScriptDriver
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.traffic import reset_world
@@ -42,22 +41,6 @@ from cornerforge.types import ACTION_HOLD, CLASSES, ODDS, Odd, odd_named
 
 LANES = replace(WIDE, n_lanes=3)
 N = 100_000
-SEED = 21
-
-
-def stated(
-    world: World, slot: int, setting: Setting, av_lane: int, *, attentive: bool = False, alone: bool = False
-) -> np.ndarray:
-    """P(action); `alone`: as it was stated before giving way was counted, as if nothing else could start."""
-    p, scratch = np.full(33, np.nan), allocate_starter_scratch()
-    lane = int(world.vehicles["target_lane"][0]) if alone else av_lane
-    tables = setting.tables
-    if alone:  # a driver that overlooks whatever starts ahead of it goes as if it were alone
-        tables = tables._replace(overlook_conflict=1.0, overlook=0.0 if attentive else tables.overlook)
-        attentive = False
-    action_probabilities(world, slot, attentive, lane, setting.road, tables, scratch, p)
-    assert scratch.left_out[0] == 0
-    return p
 
 
 def eager(model: NddModel, *, wish: float, conflict: float = 0.0, overlook: float = 0.0) -> NddModel:
@@ -127,26 +110,6 @@ SCENES = {
     "one turns back": Scene([FAR, Car(300.0, 0, 30.0), Car(318.0, 1, 30.0), Car(319.0, 2, 30.0)], {1}, changing={2: 2}),
     "side by side": Scene([FAR, Car(300.0, 0, 30.0), Car(300.0, 2, 30.0)], {1}),
 }
-
-
-def draw(w: World, av_lane: int, setting: Setting, s: Scratch, drawn: NDArray[np.int64]) -> None:
-    """Let everybody decide in test k of the seed, for each row k of `drawn`; each time on the same state."""
-    _draw(w, av_lane, setting, s, w.vehicles.copy(), drawn)
-
-
-@kernel
-def _draw(
-    w: World, av_lane: int, setting: Setting, s: Scratch, before: NDArray[np.void], drawn: NDArray[np.int64]
-) -> None:
-    state = w.state[0]
-    state.seed = SEED
-    for test in range(drawn.shape[0]):
-        state.test = test
-        decide_bvs(w, -1, av_lane, setting, s)
-        for i in range(drawn.shape[1]):
-            drawn[test, i] = w.vehicles[i].action
-            w.vehicles[i].quantile = before[i].quantile
-            w.vehicles[i].away = before[i].away
 
 
 @pytest.mark.parametrize("name", sorted(SCENES))

@@ -294,7 +294,7 @@ def test_trucks_keep_to_their_limits_and_lanes_while_they_drive(model: NddModel,
             advance(world, setting, scratch, keep, int(world.state["decisions"][0]) + 1)
             for slot in np.flatnonzero((before["kind"] == TRUCK) & (before["present"] == 1)).tolist():
                 vehicle = world.vehicles[slot]
-                low, high = possible_actions(before, slot, setting.road)
+                low, high = possible_actions(world._replace(vehicles=before), slot, setting.road)
                 assert vehicle["target_lane"] < 2
                 assert vehicle["action"] < 2 or low <= vehicle["action"] <= high
                 seconds += 1

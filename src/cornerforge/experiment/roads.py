@@ -8,15 +8,16 @@ from pathlib import Path
 from cornerforge._checks import check_in
 from cornerforge.errors import FileFormatError, InputError, UnknownNameError
 from cornerforge.results.stating import as_json, from_file
+from cornerforge.road.lanes import lane_table
 from cornerforge.road.network import Lane, Road, faults_of
 from cornerforge.road.shipped import SHIPPED
 from cornerforge.types import Odd
 from cornerforge.work.files import write_json
 
-__all__ = ["TASKS", "odd_on", "read_road", "road_named", "write_road_file"]
+__all__ = ["TASKS", "odd_on", "read_road", "road_in_words", "road_named", "write_road_file"]
 
-TASKS = ("through", "ramp", "exit")
-"""What an AV may have to do."""
+TASKS = {"through": "drives through", "ramp": "comes from the ramp", "exit": "takes the exit"}
+"""What an AV may have to do, in words."""
 _BEFORE_BEGIN, _BEFORE_END, _BEFORE_EXIT, _ON_RAMP, _AFTER = 250.0, 500.0, 500.0, 150.0, 100.0
 _SHORTEST, _LONGEST = 400.0, 1000.0
 
@@ -31,7 +32,7 @@ def odd_on(odd: Odd, road: Road, task: str = "through") -> Odd:
     Raises:
         InputError: The road has not what the task needs.
     """
-    check_in("task", task, TASKS)
+    check_in("task", task, tuple(TASKS))
     if task != "through" and not _mouths(road, task):
         raise InputError(
             f"task = {task!r} needs {'an on-ramp' if task == 'ramp' else 'an exit'}; {road.name} has none."
@@ -46,7 +47,8 @@ def odd_on(odd: Odd, road: Road, task: str = "through") -> Odd:
     else:
         start = min([*(s - _BEFORE_BEGIN for s in begins), *(s - _BEFORE_END for s in ends)], default=odd.av_start)
     start = max(0.0, start)
-    last = max([*begins, *ends], default=start)
+    exits = [lane.end for lane in road.lanes if lane.kind == "deceleration"]
+    last = max([*begins, *ends, *exits], default=start)
     length = min(max(last + _AFTER - start, _SHORTEST), _LONGEST, road.length - start)
     return replace(
         odd,
@@ -56,6 +58,23 @@ def odd_on(odd: Odd, road: Road, task: str = "through") -> Odd:
         road_at=start - odd.av_start,
         task=task,
         test_length=length,
+    )
+
+
+def road_in_words(odd: Odd) -> str:
+    """Say on which road an ODD's traffic drives and what is not known of it; "" for the straight one.
+
+    >>> road_in_words(Odd())
+    ''
+    """
+    if odd.road is None:
+        return ""
+    told = f"Road: {odd.road.name}; the AV {TASKS[odd.task]}."
+    if not lane_table(odd).varied:
+        return told
+    return (
+        f"{told} Where lanes end the other drivers merge by a stated law that was not fitted to recordings "
+        "(docs/roads.md): how often the AV crashes there is less certain than its interval says."
     )
 
 

@@ -17,10 +17,11 @@ from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.experiment.av_file import RECORDED_AV, av_of
 from cornerforge.experiment.experiments import Experiment, with_outside_av
 from cornerforge.experiment.policy_file import Policy, check_budget, load_policy, policy_numbers
-from cornerforge.experiment.roads import odd_on, road_named
+from cornerforge.experiment.roads import odd_on, road_in_words, road_named
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.spec import AvSpec, spec_of
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
+from cornerforge.road.lanes import lane_table
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import Setting, controllers, n_slots, observe
 from cornerforge.types import Odd, odd_named
@@ -117,7 +118,10 @@ def road_of(world: WorldOptions) -> Odd:
     if world.road is not None:
         if world.lanes is not None:
             raise InputError(f"The road {world.road} has lanes of its own; leave out lanes = {world.lanes}.")
-        return odd_on(odd, road_named(world.road), world.task)
+        found = odd_on(odd, road_named(world.road), world.task)
+        if lane_table(found).varied:
+            warnings.warn(road_in_words(found), stacklevel=3)
+        return found
     if world.task != "through":
         raise InputError(f"task = {world.task!r} needs a road with a ramp or an exit; give road, such as on-ramp.")
     return odd if world.lanes is None else replace(odd, n_lanes=world.lanes)

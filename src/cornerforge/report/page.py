@@ -10,6 +10,8 @@ from typing import Any
 from cornerforge.analysis.conduct import CONDUCTS
 from cornerforge.analysis.in_words import what_happened
 from cornerforge.errors import MissingExtraError
+from cornerforge.experiment.roads import road_in_words
+from cornerforge.library import CaseLibrary
 from cornerforge.report import figures, tables, text
 from cornerforge.report.artefacts import (
     Artefacts,
@@ -388,6 +390,7 @@ def _render(
         preset="" if artefacts.training is None else artefacts.training.preset,
         natural=known.kinds,
         road=known.road,
+        place=road_in_words(CaseLibrary.open(artefacts.library).odd),
         front=front,
         look=_looked_at(front.look, cases),
         natural_library=artefacts.natural_library,

@@ -40,6 +40,7 @@ __all__ = [
     "side_to_leave",
     "side_to_leave_lane",
     "takes_exit",
+    "way_left",
 ]  # fmt: skip
 
 URGENT_TIME = 20.0
@@ -209,6 +210,13 @@ def must_leave_by(lane: int, x: float, exits: bool, road: RoadNumbers) -> float:
         return NO_PLACE
     by: float = road.lanes.stretches[lane, k, _LEAVE_BY]
     return by
+
+
+@inlined_kernel
+def way_left(v: NDArray[np.void], i: int, lane: int, road: RoadNumbers) -> float:
+    """Compute how far vehicle i might drive in a lane [m]; inf: it goes on; -inf: there is none."""
+    left: float = must_leave_by(lane, v[i].x, takes_exit(v, i), road) - v[i].x
+    return left
 
 
 @inlined_kernel

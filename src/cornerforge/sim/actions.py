@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import path_at, plan_path
-from cornerforge.road.lanes import hurry, may_change
+from cornerforge.road.lanes import hurry, may_change, side_to_leave
 from cornerforge.road.straight import begin_along, lane_centre
 from cornerforge.sim.motion import path_of
 from cornerforge.types import (
@@ -43,7 +43,7 @@ _PLACES_PER_MPS2 = round(1.0 / ACCELERATION_STEP)
 def start_lane_change(w: World, i: int, target_lane: int, road: RoadNumbers) -> None:
     """Plan the lateral path of slot i from where it is to the centre of `target_lane`, in its own `change_time`.
 
-    Who must leave its lane hurries, the more the sooner it must.
+    A driver that must leave its lane hurries, the more the sooner it must, and sets the indicator.
     """
     v = w.vehicles
     acceleration = 0.0
@@ -51,6 +51,8 @@ def start_lane_change(w: World, i: int, target_lane: int, road: RoadNumbers) -> 
     time = v[i].change_time * hurry(v, i, road)
     if v[i].duration > 0.0:
         _, speed, acceleration = path_at(path_of(v, i), v[i].clock)
+    if road.lanes.varied and side_to_leave(v, i, road)[1] > 0.0:
+        v[i].signals |= 1
     v[i].target_lane = target_lane
     v[i].clock = 0.0
     path, duration = plan_path(

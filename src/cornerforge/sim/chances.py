@@ -23,7 +23,7 @@ from cornerforge.drivers.naturalistic import (
 )
 from cornerforge.drivers.sight import FOLLOWED, HUMAN
 from cornerforge.ndd.memory import away_chance, own_rank, remembered_share, word_at
-from cornerforge.road.lanes import may_change, side_to_leave_lane
+from cornerforge.road.lanes import may_change, side_to_leave_lane, way_left
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.merging import LOOKS_AGAIN, Wish, heeds, pressed_chance, wish_of
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
@@ -70,6 +70,8 @@ MAX_SETS = 256
 """Largest number of sets of starters that are kept apart; see `StarterScratch.left_out`."""
 
 
+_ROOM_TO_RETURN = 3.0
+"""None turns back into a lane that ends within so much time [s]."""
 _WORDS = 2.0**32
 _PER_WORD = 1.0 / _WORDS
 
@@ -158,17 +160,31 @@ def _turn_back_wish(w: World, i: int, lane: int, road: RoadNumbers, tables: NddT
 
 
 @inlined_kernel
+def _is_blocked(w: World, i: int, road: RoadNumbers) -> bool:
+    """Is a vehicle beside slot i in the lane that it changes to, and room left in the old one?"""
+    v = w.vehicles
+    old = lane_of(v[i].y, road.lane_width)
+    if way_left(v, i, old, road) < _ROOM_TO_RETURN * v[i].speed:
+        return False
+    lead, rear = neighbours_in_lane(w, i, v[i].target_lane, road.lane_width, HUMAN)
+    return (lead >= 0 and gap(v, i, lead) <= 0.0) or (rear >= 0 and gap(v, rear, i) <= 0.0)
+
+
+@inlined_kernel
 def return_chance(w: World, i: int, overlook: float, road: RoadNumbers, tables: NddTables) -> float:
     """Compute P(slot i turns back in its running lane change).
 
     While its centre is still in its old lane, an attentive driver turns back for a neighbour in its target lane with
-    the chance of `lc_turn_back`, unless it would certainly turn back from the old lane too, or must leave that.
+    the chance of `lc_turn_back`, unless it would certainly turn back from the old lane too. From a lane that it must
+    leave it has accepted short gaps, and turns back only where a neighbour has come beside it.
     """
     v = w.vehicles
     old = lane_of(v[i].y, road.lane_width)
-    if old == v[i].target_lane or (road.lanes.varied and side_to_leave_lane(v, i, old, road)[1] > 0.0):
+    if old == v[i].target_lane:
         return 0.0
     wish = _turn_back_wish(w, i, v[i].target_lane, road, tables)
+    if road.lanes.varied and side_to_leave_lane(v, i, old, road)[1] > 0.0 and not _is_blocked(w, i, road):
+        return 0.0
     if wish == 0.0 or _turn_back_wish(w, i, old, road, tables) == 1.0:
         return 0.0
     return (1.0 - overlook) * wish

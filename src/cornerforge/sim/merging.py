@@ -1,4 +1,4 @@
-"""What natural drivers do where lanes end: they want to change, adapt their speed, take shorter gaps, let others in.
+"""Natural driving where lanes end: drivers want to change, adapt their speed, take shorter gaps, let others in.
 
 The law is stated, not fitted: too few merges are in open data (docs/adr/0077-traffic-on-roads.md has its sources).
 """
@@ -16,12 +16,11 @@ from cornerforge.road.lanes import (
     URGENT_TIME,
     has_lane,
     hurry,
-    must_leave_by,
     on_a_ramp,
     room_to_stop,
     side_to_leave,
     side_to_leave_lane,
-    takes_exit,
+    way_left,
 )
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane
@@ -145,7 +144,7 @@ def _goes_on(v: NDArray[np.void], i: int, lane: int, road: RoadNumbers) -> bool:
     """Is there a lane that need not be left within `URGENT_TIME`?"""
     if lane < 0 or lane >= road.n_lanes:
         return False
-    goes_on: bool = must_leave_by(lane, v[i].x, takes_exit(v, i), road) - v[i].x > URGENT_TIME * v[i].speed
+    goes_on: bool = way_left(v, i, lane, road) > URGENT_TIME * v[i].speed
     return goes_on
 
 
