@@ -54,8 +54,8 @@ __all__ = [
     "substitute_action",
 ]
 
-NOBODY_LEFT = 6
-"""Outcome besides the codes of `sim.outcome`, none of which is 6: no BV is left to control."""
+NOBODY_LEFT = 8
+"""Outcome besides the codes of `sim.outcome`, none of which is 8: no BV is left to control."""
 
 
 @kernel
