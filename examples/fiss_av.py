@@ -9,6 +9,8 @@ import math
 import fiss_planner as fp
 import numpy as np
 
+from cornerforge.errors import InputError
+
 
 class FissPlus:
     answers = "trajectory"
@@ -16,6 +18,8 @@ class FissPlus:
     kind = "fiss_plus"
 
     def setup(self, context):
+        if context.lanes:
+            raise InputError("FISS+ plans on lanes without an end; give it a road along which all lanes go on.")
         vehicle = fp.VehicleParams()
         vehicle.length, vehicle.width = context.vehicle_length, context.vehicle_width
         vehicle.wheelbase, vehicle.rear_axle_to_center = context.wheelbase, 0.5 * context.wheelbase

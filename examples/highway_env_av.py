@@ -9,12 +9,16 @@ from highway_env.road.lane import StraightLane
 from highway_env.road.road import Road, RoadNetwork
 from highway_env.vehicle.behavior import IDMVehicle
 
+from cornerforge.errors import InputError
+
 
 class HighwayIdm:
     answers = "curvature"
     objects = None  # all vehicles within 200 m
 
     def setup(self, context):
+        if context.lanes:
+            raise InputError("HighwayIdm plans on lanes without an end; give it a road along which all lanes go on.")
         self.context = context
         self.width = context.n_lanes * context.lane_width
         network = RoadNetwork()

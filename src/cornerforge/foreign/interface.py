@@ -8,7 +8,8 @@ lane order, a curvature, a steering angle or a trajectory. Deriving from them is
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
     from cornerforge.foreign.scene import Scene, Scenes
 
-__all__ = ["ANSWERS", "NEAREST", "VIEW_SHAPE", "Av", "AvContext", "Planner", "PlannerForAll"]
+__all__ = ["ANSWERS", "NEAREST", "VIEW_SHAPE", "Av", "AvContext", "Planner", "PlannerForAll", "RoadLane"]
 
 ANSWERS = ("lane", "curvature", "steering", "trajectory")
 """What an AV of interface 2 may answer by; it says which one in its attribute `answers`."""
@@ -28,6 +29,24 @@ NEAREST = 12
 VIEW_SHAPE = (13, 8)
 """Rows and columns of the view (`cornerforge.sim.av_view`). An AV's process imports nothing of the simulator, so the
 numbers stand here again, and a test holds them together."""
+
+
+@dataclass(frozen=True)
+class RoadLane:
+    """One lane of a road whose lanes begin and end, along x from where the AV starts [m].
+
+    Attributes:
+        slot: Number of the lane, 0 the rightmost; lanes that follow each other have the same.
+        kind: "through", "acceleration", "deceleration", or "ramp", which no vehicle may change into or out of.
+        begin, end: From where to where it is there; -inf, inf: to the road's ends.
+        leave_by: Where the AV, by its task, must have left it and the lanes that follow; inf: nowhere.
+    """
+
+    slot: int
+    kind: str
+    begin: float = -inf
+    end: float = inf
+    leave_by: float = inf
 
 
 @dataclass(frozen=True)
@@ -48,6 +67,8 @@ class AvContext:
         set_speed: Speed at which the AV is to drive where nothing is in its way [m/s].
         wheelbase: Distance of the AV's axles [m]; its box's centre is halfway between them.
         most_lateral_acceleration: No AV that steers is faster in a bend [m/s2].
+        task: What the AV is to do: drive "through", come from the "ramp", or take the "exit".
+        lanes: Open lanes by slot and begin; empty on a road along which all lanes go on.
     """
 
     batch: int
@@ -64,6 +85,20 @@ class AvContext:
     set_speed: float = 35.0
     wheelbase: float = 0.0
     most_lateral_acceleration: float = 8.0
+    task: str = "through"
+    lanes: tuple[RoadLane, ...] = ()
+
+    def stated(self) -> dict[str, Any]:
+        """All fields, for JSON: `task` and `lanes` only where lanes end, and of a lane no number that is infinite."""
+        about = asdict(self)
+        task, lanes = about.pop("task"), about.pop("lanes")
+        finite = [{name: value for name, value in lane.items() if value not in (-inf, inf)} for lane in lanes]
+        return {**about, "task": task, "lanes": finite} if finite else about
+
+    @staticmethod
+    def of_stated(stated: dict[str, Any]) -> AvContext:
+        """Make the context of which `stated` gave the fields."""
+        return AvContext(**{**stated, "lanes": tuple(RoadLane(**lane) for lane in stated.get("lanes", ()))})
 
     @property
     def speed_limit(self) -> float:
@@ -72,19 +107,59 @@ class AvContext:
 
     @property
     def route_lanes(self) -> tuple[int, ...]:
-        """Lanes that lead to where the AV is to go: all lanes of a highway without exits."""
-        return tuple(range(self.n_lanes))
+        """Lanes that lead to where the AV is to go: that of the exit, or those that it must leave nowhere."""
+        if self.task == "exit":
+            return tuple({one.slot for one in self.lanes if one.kind == "deceleration" and one.leave_by == inf})
+        ended = {one.slot for one in self.lanes if one.leave_by < inf or one.kind == "ramp"}
+        return tuple(slot for slot in range(self.n_lanes) if slot not in ended)
+
+    def lane_ends_in(self, lane: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
+        """Compute how far ahead of x the AV must have left a lane; a vehicle needs half its length less.
+
+        Args:
+            lane: Number of the lane; one that is not on the road has ended.
+            x: Place along the road, from where the AV started [m]; in a view, `test_length` minus column 1 of row 0.
+
+        Returns:
+            [m], in the shape of both together: inf where the lane goes on, or leads to the AV's exit; 0 where there is
+            no lane, or a closed one.
+        """
+        slot, at = np.broadcast_arrays(np.asarray(lane), np.asarray(x, np.float64))
+        if not self.lanes:
+            return np.where((slot >= 0) & (slot < self.n_lanes), inf, 0.0)
+        ahead = np.zeros(at.shape)
+        for one in self.lanes:
+            ahead = np.where((slot == one.slot) & (one.begin <= at) & (at < one.end), one.leave_by - at, ahead)
+        return ahead
 
     def centre_line(self, lane: int, start: float, end: float, step: float = 5.0) -> NDArray[np.float64]:
-        """Make the centre line of a lane from x = `start` to `end` [m], a point every `step` [m], (P, 2)."""
-        return self._line((lane + 0.5) * self.lane_width, start, end, step)
+        """Make the centre line of a lane from x = `start` to `end` [m], a point every `step` [m], (P, 2).
+
+        Of a lane that begins or ends between them it is the first part that is there; (0, 2) where none is.
+        """
+        return self._line((lane + 0.5) * self.lane_width, *self._part((lane,), start, end), step)
 
     def edge(self, k: int, start: float, end: float, step: float = 5.0) -> NDArray[np.float64]:
         """Make an edge of a lane, likewise: edge k is right of lane k, edge `n_lanes` the left edge of the road."""
-        return self._line(k * self.lane_width, start, end, step)
+        return self._line(k * self.lane_width, *self._part((k - 1, k), start, end), step)
+
+    def _part(self, slots: tuple[int, ...], start: float, end: float) -> tuple[float, float]:
+        """Give the first part between two places along which a lane is in one of the slots; inf, inf: there is none."""
+        if not self.lanes:
+            return start, end
+        there = sorted((one.begin, one.end) for one in self.lanes if one.slot in slots and one.end > start)
+        first, last = inf, inf
+        for begins, ends in there:
+            if first == inf and begins < end:
+                first, last = max(start, begins), min(end, ends)
+            elif begins <= last:
+                last = max(last, min(end, ends))
+        return first, last
 
     @staticmethod
     def _line(y: float, start: float, end: float, step: float) -> NDArray[np.float64]:
+        if start == inf:
+            return np.zeros((0, 2))
         x = np.linspace(start, end, max(2, round((end - start) / step) + 1))
         return np.stack([x, np.full(x.size, y)], axis=1)
 
@@ -123,7 +198,8 @@ class Av(ABC):
         Returns:
             (B, 2), numbers: acceleration [m/s2], cut to [-8, 2], and lane order: +1 left, 0 keep, -1 right, relative
             to the lane that the AV keeps or changes to. While a lane change runs, an order against it turns back and an
-            order in its direction changes nothing; an order that would leave the road is not carried out.
+            order in its direction changes nothing; an order that would leave the road is not carried out, nor one to
+            where no lane is, or into or out of a ramp.
         """
 
 

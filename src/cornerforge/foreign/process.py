@@ -255,7 +255,7 @@ class AvProcess:
         self._batch = context.batch
         self._is_first = True
         try:
-            self._ask(SETUP, self._first_timeout, json.dumps(asdict(context)).encode())
+            self._ask(SETUP, self._first_timeout, json.dumps(context.stated()).encode())
         except AvFailureError as failure:
             self.close()
             raise AvFaultError(f"The AV {self._spec} {failure} in setup{self.log.pointer()}") from failure

@@ -15,7 +15,6 @@ import shutil
 import signal
 import subprocess
 from contextlib import suppress
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -160,7 +159,7 @@ class Program:
         Raises:
             EndedError, UnusableError: It ended, or said something else than that it is ready.
         """
-        about = {"type": "setup"} | asdict(context) | {"speed_limit": context.speed_limit}
+        about = {"type": "setup"} | context.stated() | {"speed_limit": context.speed_limit}
         line = self._one(about)
         if (_object_of(line) or {}).get("type") != "ready":
             raise UnusableError(f'after "setup" its program printed {_quoted(line)} instead of {{"type":"ready"}}')

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from cornerforge.foreign.interface import AvContext
 
@@ -133,6 +133,10 @@ class Scene:
     context: AvContext
     history: list[Scene] = field(default_factory=list)
 
+    def lane_ends_in(self, lane: int) -> float:
+        """Compute how far ahead of its box's centre the AV must have left a lane [m] (`AvContext.lane_ends_in`)."""
+        return float(self.context.lane_ends_in(lane, self.own.x))
+
 
 @dataclass(frozen=True)
 class Scenes:
@@ -192,6 +196,10 @@ class Scenes:
     def others(self) -> Boxes:
         """The vehicles around them."""
         return Boxes(self.table[:, 1:])
+
+    def lane_ends_in(self, lane: ArrayLike) -> NDArray[np.float64]:
+        """Compute how far ahead the AVs must have left a lane, the same or one for each (B,) [m], (B,)."""
+        return self.context.lane_ends_in(lane, self.own.x)
 
     def scene(self, b: int) -> Scene:
         """Take one world that is running, as objects."""

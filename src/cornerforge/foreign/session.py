@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,8 +13,9 @@ from cornerforge.drivers.idm import IdmParams
 from cornerforge.foreign import tracking
 from cornerforge.foreign.answers import carry_out
 from cornerforge.foreign.edge_cases import ordinary_views, scenes_of
-from cornerforge.foreign.interface import VIEW_SHAPE, AvContext
+from cornerforge.foreign.interface import VIEW_SHAPE, AvContext, RoadLane
 from cornerforge.foreign.process import AvFailureError, AvProcess
+from cornerforge.road.lanes import lane_table, lanes_of
 from cornerforge.sim import (
     Setting,
     allocate_scratch,
@@ -51,7 +53,21 @@ def context_of(odd: Odd, *, batch: int, seed: int) -> AvContext:
         set_speed=IdmParams().desired_speed,
         wheelbase=tracking.wheelbase(odd.vehicle_length),
         most_lateral_acceleration=bicycle.MOST_LATERAL_ACCELERATION,
+        task=odd.task,
+        lanes=_lanes_told(odd),
     )
+
+
+def _lanes_told(odd: Odd) -> tuple[RoadLane, ...]:
+    """Make the lanes as an AV is told of them, along x from where it starts; none where all lanes go on."""
+    table, start = lane_table(odd), odd.av_start
+    told = []
+    for lane in lanes_of(odd) if table.varied else ():
+        if lane.kind != "closed":
+            by = next(by for begin, end, by, _ in table.stretches[lane.slot].tolist() if begin <= lane.begin < end)
+            by = inf if odd.task == "exit" and lane.slot == table.exit_slot else by - start
+            told.append(RoadLane(lane.slot, lane.kind, lane.begin - start, lane.end - start, by))
+    return tuple(told)
 
 
 def seeds_of(seed: int, tests: NDArray[np.int64]) -> NDArray[np.int64]:

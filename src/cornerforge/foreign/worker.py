@@ -59,7 +59,7 @@ class Server:
                 self._driver, about = load_av(said.pop("av"), Reading(**said))
                 return pack_json(ANSWER, number, about | self._driver.about)
             if kind == SETUP and self._driver is not None:
-                self._driver.setup(AvContext(**unpack_json(body)))
+                self._driver.setup(AvContext.of_stated(unpack_json(body)))
                 self._is_set_up = True
                 return pack(ANSWER, number)
             if kind == ACT and self._driver is not None and self._is_set_up:
