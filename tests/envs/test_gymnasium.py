@@ -26,6 +26,7 @@ KINDS: list[tuple[str, dict[str, Any]]] = [
     (DRIVING_ID, {}),
     (DRIVING_ID, {"actions": "box", "act_every": 5, "bv": "swerve"}),
 ]
+ON_RAMP = {"road": "on-ramp", "task": "ramp"}
 
 
 @pytest.mark.sampled(1)
@@ -35,6 +36,27 @@ def test_gymnasiums_checker_has_no_complaint(name: str, options: dict[str, Any])
     env = gymnasium.make(name, **options)
     check_env(env.unwrapped)
     env.close()
+
+
+@pytest.mark.sampled(1)
+def test_an_agent_is_told_where_lanes_end() -> None:
+    """On the ramp, 150 m before it meets the road: its own lane ends after 400 m, and there the drive too."""
+    env: Any = gymnasium.make(DRIVING_ID, **ON_RAMP)
+    check_env(env.unwrapped)
+    _, info = env.reset(seed=2)
+    assert info["lane_ends_in"].tolist() == [400.0, np.inf, np.inf, np.inf]
+    metres, over = 0.0, False
+    while not over:
+        _, _, over, _, info = env.step(22)
+        metres += info["metres"]
+        left = info["lane_ends_in"][0]
+        assert over or left == pytest.approx(400.0 - metres, abs=1e-2)
+    assert (info["outcome"], left) == ("left-road", 0.0)
+    env.close()
+    worlds: Any = gymnasium.make_vec(DRIVING_ID, num_envs=3, **ON_RAMP)
+    assert worlds.reset(seed=2)[1]["lane_ends_in"].shape == (3, 4)
+    worlds.close()
+    assert "lane_ends_in" not in gymnasium.make(DRIVING_ID).reset(seed=1)[1]
 
 
 @pytest.mark.parametrize(("name", "options"), KINDS)

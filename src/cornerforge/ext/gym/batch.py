@@ -34,10 +34,12 @@ from cornerforge.experiment.setting import experiment
 from cornerforge.ext.gym.raster import top_view
 from cornerforge.ext.gym.spaces import ClosedError, ResetNeededError, av_commands
 from cornerforge.foreign.networks import SIZES
+from cornerforge.foreign.session import context_of
 from cornerforge.sim import (
     Scratch,
     World,
     allocate_scratch,
+    av_view,
     controllers,
     keep_nothing,
     naming_tests,
@@ -398,6 +400,7 @@ class AvBatch(Batch):
         self._box, self._scaled = box, scaled
         self.observation = self._agents.seen.copy() if scaled else self._agents.seen
         self.reward = np.zeros(n)
+        self._context = context_of(run.odd, batch=n, seed=0)
 
     @property
     def truncated(self) -> NDArray[np.bool_]:
@@ -405,8 +408,11 @@ class AvBatch(Batch):
         return np.asarray((self.outcome == outcome.TIME_UP) | (self.outcome == outcome.BV_CRASH))
 
     def extra(self) -> dict[str, NDArray[Any]]:
-        """Nothing."""
-        return {}
+        """Where lanes end, the way after which the AV must have left each [m], (B, lanes): `lane_ends_in`."""
+        if not self._context.lanes:
+            return {}
+        x = self._context.test_length - self._agents.seen[:, 0, av_view.AHEAD, None]
+        return {"lane_ends_in": self._context.lane_ends_in(np.arange(self._context.n_lanes), x)}
 
     def acted(self) -> dict[str, NDArray[Any]]:
         """Metres driven in this step."""
