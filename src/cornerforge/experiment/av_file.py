@@ -55,7 +55,7 @@ def av_of(name: str) -> AvModel:
         InputError: It is a Python file without a class.
         FileFormatError: The file is missing, damaged, or no learned AV of this version.
     """
-    if name.endswith(".py"):
+    if name.endswith(".py") and not AvSpec(name).is_outside:
         raise InputError(f"{shown(name)} is a file; name the class in it too, such as {shown(f'{name}:MyAv')}.")
     if name.endswith(".safetensors"):
         return load_av(Path(name))
