@@ -26,7 +26,7 @@ KINDS: list[tuple[str, dict[str, Any]]] = [
     (DRIVING_ID, {}),
     (DRIVING_ID, {"actions": "box", "act_every": 5, "bv": "swerve"}),
 ]
-ON_RAMP = {"road": "on-ramp", "task": "ramp"}
+ON_RAMP: dict[str, Any] = {"road": "on-ramp", "task": "ramp"}
 
 
 @pytest.mark.sampled(1)
