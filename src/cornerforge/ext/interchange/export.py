@@ -18,9 +18,11 @@ from cornerforge.ext.interchange.case_facts import CaseFacts
 from cornerforge.ext.interchange.library_case_files import CaseFilesOf
 from cornerforge.ext.interchange.openscenario import VERSIONS, write_openscenario
 from cornerforge.ext.interchange.options import Export
+from cornerforge.ext.interchange.plain_roads import is_plain
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.case_file import write_case_file
 from cornerforge.results.whole import Exported
+from cornerforge.road.network import Road
 
 __all__ = ["EXPORTS", "CaseWriter", "ExportOptions", "export", "export_text", "is_installed"]
 
@@ -60,7 +62,7 @@ class CaseWriter:
 
     Raises:
         UnknownNameError: The format is unknown.
-        InputError: The format does not have the mode or version.
+        InputError: The format does not have the mode or version, or cannot hold the road.
         MissingExtraError: The format's library is not installed.
     """
 
@@ -74,6 +76,7 @@ class CaseWriter:
             )
         if to != "openscenario" and self._options.version != ExportOptions().version:
             raise InputError(f"The version is that of openscenario; leave it out for {to}.")
+        _check_road(cases.odd.road, to)
         if not is_installed(to):
             raise MissingExtraError(*_NEEDS[to][1:])
         self._facts = CaseFacts(cases)
@@ -123,6 +126,8 @@ _NEEDS = {
     "mcap": ("mcap", "mcap", "osi"),
 }  # fmt: skip
 """Module that a format needs, its package, and the extra that installs it."""
+_HOLD_ROADS = frozenset({"json"})
+"""Formats that hold roads with curves, and with lanes that begin and end."""
 _MODES = {"openscenario": ("recorded", "controller", "relative"), "commonroad": ("recorded", "controller")}
 _ENDINGS = {"csv": "csv", "parquet": "parquet", "rerun": "rrd", "json": "json"}
 
@@ -159,6 +164,19 @@ def export(options: Export) -> Exported:
     seconds = round(time.perf_counter() - began, 3)
     write_json(place / "provenance.json", provenance(identity, seconds))
     return Exported(cases=len(ids), to=options.to, out=str(place), files=tuple(files), seconds=seconds)
+
+
+def _check_road(road: Road | None, to: str) -> None:
+    """Refuse a road with curves, or lanes that begin, end or may not be left, where a format is written without it.
+
+    Raises:
+        InputError: The format cannot hold it.
+    """
+    if to not in _HOLD_ROADS and road is not None and not is_plain(road):
+        raise InputError(
+            f"{to} is written with straight lanes that all go on, and the road {road.name} has others; "
+            f"export its cases to: {', '.join(sorted(_HOLD_ROADS))}."
+        )
 
 
 def _ids(source: CaseLibrary, wanted: Sequence[str]) -> list[str]:
