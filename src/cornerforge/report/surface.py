@@ -21,7 +21,7 @@ from cornerforge.road.network import Lane, Marking
 from cornerforge.road.straight import along
 from cornerforge.types import Odd
 
-__all__ = ["MARKS", "Area", "Line", "Mark", "Surface", "outline", "strokes", "surface_of"]
+__all__ = ["MARKS", "Area", "Line", "Mark", "Surface", "lane_on", "marks_between", "outline", "strokes", "surface_of"]
 
 Mark = Literal["solid", "broken", "wide", "barrier", "hatch"]
 MARKS: dict[Mark, tuple[float, float, float]] = {
@@ -140,18 +140,19 @@ def _border(lanes: Sequence[Lane], border: int, y: float, bare: Sequence[tuple[f
 
     def painted(part: tuple[float, float]) -> list[tuple[float, Mark]]:
         s = part[0]
-        return [] if any(a <= s < b for a, b in bare) else _marks(_at(below, s), _at(above, s), s)
+        return [] if any(a <= s < b for a, b in bare) else marks_between(lane_on(below, s), lane_on(above, s), s)
 
     for found, parts in itertools.groupby(itertools.pairwise(sorted(cuts)), key=painted):
         begins, ends = zip(*parts, strict=True)
         yield from (Line(begins[0], y + aside, ends[-1], y + aside, mark) for aside, mark in found)
 
 
-def _at(lanes: Sequence[Lane], s: float) -> Lane | None:
+def lane_on(lanes: Sequence[Lane], s: float) -> Lane | None:
+    """Find the lane of a slot at a place [m] among all of that slot; None: there is none."""
     return next((one for one in lanes if one.begin <= s < one.end), None)
 
 
-def _marks(right: Lane | None, left: Lane | None, s: float) -> list[tuple[float, Mark]]:
+def marks_between(right: Lane | None, left: Lane | None, s: float) -> list[tuple[float, Mark]]:
     """Say which marks part two lanes, and how far to the left of the border each is [m]."""
     if right is None or left is None:
         return [] if right is left else [(0.0, "solid")]

@@ -8,6 +8,7 @@ from pathlib import Path
 from cornerforge._checks import check_number
 from cornerforge._files import writing
 from cornerforge.errors import OutputError
+from cornerforge.ext.interchange.opendrive_lanes import road_file
 from cornerforge.types import Odd
 
 __all__ = ["FIRST_METRE", "LAST_METRE", "lane_id", "road_name", "write_road", "write_road_once"]
@@ -70,7 +71,10 @@ def write_road(odd: Odd, path: Path, *, first: float = FIRST_METRE, last: float 
         InputError: It is no road: `first` is not left of `last`, or not finite.
         OutputError: It cannot be written.
     """
-    text = _road(odd, first, last)
+    _write(path, _road(odd, first, last))
+
+
+def _write(path: Path, text: str) -> None:
     with writing(path, "the road") as part:
         part.write_text(text, encoding="utf-8")
 
@@ -86,17 +90,20 @@ def write_road_once(odd: Odd, folder: Path, first: float, last: float) -> str:
         first, last: From which x to which x there are vehicles [m].
 
     Raises:
+        InputError: OpenDRIVE cannot hold it.
         OutputError: It cannot be written.
     """
-    first, last = road_reach(first, last)
-    name = road_name(odd, first, last)
-    path = folder / name
-    wanted = _road(odd, first, last).encode()
+    if odd.road is None:
+        first, last = road_reach(first, last)
+        name, text = road_name(odd, first, last), _road(odd, first, last)
+    else:
+        name, text = road_file(odd, odd.road, first, last)
+    path, wanted = folder / name, text.encode()
     for tries_left in (2, 1, 0):
         if path.is_file() and path.read_bytes() == wanted:
             break
         try:
-            write_road(odd, path, first=first, last=last)
+            _write(path, text)
         except OutputError:  # or another process has just put it there: both write under one name before they rename it
             if tries_left == 0:
                 raise

@@ -36,6 +36,9 @@ _KINDS: dict[str, LaneKind] = {
     "offRamp": "deceleration", "mwyExit": "deceleration",
 }  # fmt: skip
 
+_RAMPS = ("onRamp", "offRamp")
+"""Lanes that are ramps where their line to the road may not be crossed."""
+
 
 def road_of_opendrive(
     path: Path, *, ident: str | None = None, begin: float = 0.0, end: float | None = None, against: bool = False
@@ -128,7 +131,8 @@ class _Taken:
         found = []
         for ident, lane in section.lanes.items():
             width = lane.width(s - section.s)
-            if ident * self.side >= 0 or lane.kind not in DRIVEN or width < FULL:
+            closed = lane.kind == "restricted" and lane.way == 1
+            if ident * self.side >= 0 or width < FULL or (lane.kind not in DRIVEN and not closed):
                 continue
             if lane.way != 1 or lane.kind == "bidirectional":
                 what = "is driven both ways" if lane.way == 0 or lane.kind == "bidirectional" else "is reversed"
@@ -136,11 +140,14 @@ class _Taken:
             low, high = self.theirs.borders(ident, s)
             middle = 0.5 * (low + high) * (-1.0 if self.against else 1.0)
             inner = section.lanes.get(ident - (1 if ident > 0 else -1))
+            ways = ("increase", "decrease") if ident < 0 else ("decrease", "increase")
             left, right = (
-                _may_cross([mark for mark in marks if section.s + mark[0] <= s + _SLIVER])
-                for marks in (section.middle if inner is None else inner.marks, lane.marks)
+                _may_cross([mark for mark in marks if section.s + mark[0] <= s + _SLIVER], way)
+                for marks, way in zip((section.middle if inner is None else inner.marks, lane.marks), ways, strict=True)
             )
-            kind, place = _KINDS.get(lane.kind, "through"), f"{self.file}, line {section.line}: lane {ident}"
+            is_ramp = lane.kind in _RAMPS and not (right if inner is None else left)
+            kind = "ramp" if is_ramp else "closed" if closed else _KINDS.get(lane.kind, "through")
+            place = f"{self.file}, line {section.line}: lane {ident}"
             found.append(Seen(place, middle, width, kind, self._limit(s, lane, section), left, right))
         return sorted(found, key=lambda one: one.middle)
 
@@ -164,18 +171,25 @@ class _Taken:
         if not any(rows):
             side = "against" if self.against else "along"
             raise self.fault(self.theirs.line, f"road {self.theirs.ident} has no lane that is driven {side} its line")
-        ours = [self.end - place if self.against else place - self.begin for place in places]
+        driven = {round(seen.middle, 3) for row in rows for seen in row if seen.kind != "closed"}
+        rows = [[seen for seen in row if round(seen.middle, 3) in driven] for row in rows]
+        border = {section.s - _JUST: section.s for section in self.theirs.sections}
+        at = [border.get(place, place) for place in places]
+        ours = [self.end - place if self.against else place - self.begin for place in at]
         centres, lanes = slots_of(ours, rows)
         width = float(np.mean(np.diff(centres))) if len(centres) > 1 else next(row for row in rows if row)[0].width
         return centres, lanes, round(width, 4)
 
 
-def _may_cross(marks: list[tuple[float, str, str]]) -> bool:
-    """Say whether the last of these lines may be crossed, from both sides; broken on one side only counts as solid."""
+def _may_cross(marks: list[tuple[float, str, str]], way: str) -> bool:
+    """Say whether the last of these lines may be crossed, "increase" or "decrease": the way that ids of lanes go.
+
+    Broken on one side only counts as solid where the file does not say who may change.
+    """
     if not marks:
         return True
     _, kind, change = marks[-1]
-    return change == "both" if change else kind in ("none", "broken", "botts dots")
+    return change in ("both", way) if change else kind in ("none", "broken", "botts dots")
 
 
 def _shapes(piece: TheirPiece, length: float) -> list[Piece]:
