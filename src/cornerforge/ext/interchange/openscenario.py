@@ -1,8 +1,8 @@
 """Cases as ASAM OpenSCENARIO XML, versions 1.0 to 1.3, for players and simulators.
 
-Positions are of the rear axle's centre, as the standard wants it: x and y in metres on the axes of
-`opendrive.write_road`, headings in radians counter-clockwise. Numbers have six decimals, so a box that is read back is
-within a hundredth of a millimetre of the recorded one.
+Positions are of the rear axle's centre, as the standard wants it: x and y in metres on the axes of the road's file,
+headings in radians counter-clockwise. Numbers have six decimals, so a box that is read back is within a hundredth of a
+millimetre of the recorded one.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ from cornerforge._files import writing
 from cornerforge.errors import InputError
 from cornerforge.ext.interchange import openscenario_elements as xosc
 from cornerforge.ext.interchange.opendrive import lane_id, write_road_once
+from cornerforge.ext.interchange.opendrive_lanes import in_world
+from cornerforge.ext.interchange.plain_roads import is_straight
 from cornerforge.ext.interchange.relative import Manoeuvre, Trigger, manoeuvre_of
 from cornerforge.library.out_case import Fact, OutCase, check_name
 from cornerforge.types import CAR, FRAME_S, MOTORCYCLE, TRUCK, Scenario
@@ -80,6 +82,7 @@ class _Track:
         first: Its first frame.
         x, y, heading: Pose of its reference point [m], [rad], (F,).
         speed: At its first frame, along its way [m/s].
+        reach: From where to where its reference point comes, as x of the simulator [m].
         leaves: It is gone before the end.
     """
 
@@ -90,6 +93,7 @@ class _Track:
     y: NDArray[np.float64]
     heading: NDArray[np.float64]
     speed: float
+    reach: tuple[float, float]
     leaves: bool
 
     @property
@@ -159,7 +163,7 @@ def write_openscenario(
 
     Raises:
         InputError: The version or mode is not known, the case's name is no file name, a number is not finite, the AV is
-            not there in the first frame, or the date is invalid.
+            not there in the first frame, the date is invalid, or OpenDRIVE or the mode cannot hold the road.
         OutputError: A file cannot be written.
     """
     check_in("OpenSCENARIO version", version, VERSIONS)
@@ -167,6 +171,12 @@ def write_openscenario(
     check_name(case.name)
     if not controller.strip():
         raise InputError("The controller of the AV has no name; give it one.")
+    on = case.scenario.odd.road
+    if mode == "relative" and on is not None and not is_straight(on):
+        raise InputError(
+            f"The mode relative measures along straight lanes of one width, and the road {on.name} has others; use "
+            "recorded or controller."
+        )
     if not case.scenario.present[0, 0]:
         raise InputError(f"Case {case.name}: the AV is not there in the first frame.")
     _check_date(date)
@@ -214,8 +224,8 @@ class _Writer:
     def reach(self) -> tuple[float, float]:
         """Stretch of road with vehicles [m], with some road before and behind."""
         return (
-            min(float(track.x.min()) for track in self.tracks) - _MARGIN,
-            max(float(track.x.max()) for track in self.tracks) + _MARGIN,
+            min(track.reach[0] for track in self.tracks) - _MARGIN,
+            max(track.reach[1] for track in self.tracks) + _MARGIN,
         )
 
     def text(self, road: str) -> str:
@@ -430,10 +440,15 @@ def _tracks(scenario: Scenario, behind: NDArray[np.float64], more: int, manoeuvr
                 x, y, heading = _straight_on(x, y, heading[: begin + 1], float(speed[begin]), missing, along_road=True)
             elif stop == len(scenario.x):
                 x, y, heading = _straight_on(x, y, heading, float(speed[-1]), more)
-            x, y = x - behind[column] * np.cos(heading), y - behind[column] * np.sin(heading)
+            along = x - behind[column] * np.cos(heading)
+            reach = float(along.min()), float(along.max())
             along_its_way = float(speed[0] / np.cos(heading[0]))
+            x, y, heading, _, stretch = in_world(scenario.odd, x, y, heading)
+            x, y = x - behind[column] * np.cos(heading), y - behind[column] * np.sin(heading)
+            speed_there = along_its_way * float(stretch[0])
             own_name = f"{name}-{number + 1}" if number else name
-            tracks.append(_Track(own_name, column, start, x, y, heading, along_its_way, stop < len(scenario.x)))
+            leaves = stop < len(scenario.x)
+            tracks.append(_Track(own_name, column, start, x, y, heading, speed_there, reach, leaves))
     return tracks
 
 
