@@ -18,9 +18,11 @@ import pytest
 from crashes_by_hand import mirrored
 from openscenario_read_back import real_crashes
 
+from cornerforge.experiment.roads import odd_on, road_named
 from cornerforge.ext.interchange.openscenario import MODES, VERSIONS, write_openscenario
 from cornerforge.library.out_case import Fact, OutCase
-from cornerforge.types import Scenario
+from cornerforge.road.shipped import SHIPPED
+from cornerforge.types import Odd, Scenario
 
 pytestmark = pytest.mark.interchange
 
@@ -88,6 +90,18 @@ def test_the_checkers_find_nothing(python: str, tmp_path: Path) -> None:
         ("1.0", 5), ("1.1", 5), ("1.2", 17), ("1.3", 17),
     }  # fmt: skip
     assert {about["completed"] for about in roads} == {22}
+
+
+def test_the_checkers_find_nothing_in_roads_on_which_lanes_end(python: str, tmp_path: Path) -> None:
+    scenario = real_crashes("default")[0]
+    for road in sorted(SHIPPED):
+        on_it = replace(scenario, odd=odd_on(Odd(), road_named(road)))
+        write_openscenario(OutCase(road, on_it, FACTS), tmp_path, version="1.3")
+    found = judge(python, tmp_path, *SHIPPED)
+    assert len(found) == 2 * len(SHIPPED)
+    assert {name: about["issues"] for name, about in found.items() if about["issues"]} == {}
+    assert {name: about for name, about in found.items() if about["failed"] or about["unread"]} == {}
+    assert {about["completed"] for name, about in found.items() if name.endswith(".xodr")} == {22}
 
 
 @pytest.mark.parametrize(

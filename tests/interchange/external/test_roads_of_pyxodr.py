@@ -1,4 +1,4 @@
-"""Another reader of OpenDRIVE sees the lanes of a road where `road import` puts them, within 5 cm.
+"""Another reader of OpenDRIVE sees lanes where `road import` puts them, and where we wrote them, within 5 cm.
 
 It needs an environment of its own (`make test-interchange` makes it and names its Python in ASAM_PYTHON).
 """
@@ -8,12 +8,18 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from cornerforge.experiment.roads import odd_on, road_named
+from cornerforge.ext.interchange.opendrive import write_road_once
 from cornerforge.ext.interchange.road_import import road_of_opendrive
+from cornerforge.road.network import Road
+from cornerforge.types import Odd
 
 pytestmark = pytest.mark.interchange
 
@@ -61,14 +67,37 @@ def test_its_lanes_lie_where_ours_do(tmp_path: Path) -> None:
         f"</lanes></road></OpenDRIVE>",
         encoding="utf-8",
     )
+    seen = lanes_seen(python, file)
+    assert sorted(one["lane"] for one in seen) == [-3, -2, -2, -2, -1, -1, -1]
+    assert_lanes_lie(seen, road_of_opendrive(file))
+
+
+def lanes_seen(python: str, file: Path) -> list[dict[str, Any]]:
     done = subprocess.run([python, str(REFEREE), str(file)], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
-    road = road_of_opendrive(file)
-    slots = {-1: 2, -2: 1, -3: 0}
-    seen = json.loads(done.stdout)
-    assert sorted(one["lane"] for one in seen) == [-3, -2, -2, -2, -1, -1, -1]
+    found: list[dict[str, Any]] = json.loads(done.stdout)
+    return found
+
+
+def assert_lanes_lie(seen: list[dict[str, Any]], road: Road) -> None:
     for one in seen:
+        slot = one["lane"] + road.slots
         x, y = np.array(one["points"])[1:-1].T
         s, d = road.line.project(x, y)
-        np.testing.assert_allclose(d, road.centres[slots[one["lane"]]], atol=WITHIN)
-        assert all(road.lane_at(slots[one["lane"]], place) is not None for place in s.tolist())
+        np.testing.assert_allclose(d, road.centres[slot], rtol=0, atol=WITHIN)
+        assert all(road.lane_at(slot, place) is not None for place in s.tolist())
+
+
+@pytest.mark.parametrize("name", ["curves", "on-ramp", "lane-drop"])
+def test_the_lanes_that_are_written_lie_where_the_road_has_them(name: str, tmp_path: Path) -> None:
+    python = os.environ.get("ASAM_PYTHON", "")
+    if not python:
+        pytest.skip("ASAM_PYTHON names no environment; run `make test-interchange`")
+    shipped = road_named(name)
+    shift = 0.02 * np.arange(shipped.slots) ** 2  # lanes of several widths, beside the reference line
+    road = replace(shipped, centres=tuple((np.array(shipped.centres) + 0.5 + shift).tolist()))
+    file = tmp_path / write_road_once(odd_on(Odd(), road), tmp_path, 0.0, 600.0)
+    seen = lanes_seen(python, file)
+    wanted = {lane.slot for lane in road.lanes if lane.kind != "ramp"}
+    assert {one["lane"] + road.slots for one in seen} == wanted
+    assert_lanes_lie(seen, road)

@@ -12,12 +12,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import InputError
+from cornerforge.ext.interchange.openscenario_elements import quoted
 from cornerforge.library.out_case import safe_name
 from cornerforge.report.surface import MARKS, lane_on, marks_between
 from cornerforge.road.lanes import lanes_of
@@ -94,8 +94,8 @@ def _text(odd: Odd, road: Road, first: float, last: float) -> str:
     left = road.centres[-1] + 0.5 * widths[-1]
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <OpenDRIVE>
-  <header revMajor="1" revMinor="7" name={quoteattr(road.name)} version="1.00" vendor="cornerforge"/>
-  <road name={quoteattr(road.name)} length="{last - first!r}" id="1" junction="-1" rule="RHT">
+  <header revMajor="1" revMinor="7" name={quoted(road.name)} version="1.00" vendor="cornerforge"/>
+  <road name={quoted(road.name)} length="{last - first!r}" id="1" junction="-1" rule="RHT">
     <type s="0" type="motorway"/>
     <planView>
 {_plan(road, first, last)}    </planView>
@@ -132,9 +132,13 @@ def _widths(road: Road) -> list[float]:
 def _plan(road: Road, first: float, last: float) -> str:
     """Write the reference line, prolonged to where the file's road begins and ends."""
     text = ""
-    inner = [piece.s for piece in road.pieces] + [road.length]
-    begins = [*([first] if first < 0.0 else []), *inner, *([last] if last > road.length else [])]
-    for s, end in itertools.pairwise(begins):
+    begins = [piece.s for piece in road.pieces]
+    starts_straight, ends_straight = (one.curvature == 0.0 == one.change for one in (road.pieces[0], road.pieces[-1]))
+    if first < 0.0:
+        begins = [first, *begins[starts_straight:]]
+    if last > road.length and not ends_straight:
+        begins.append(road.length)
+    for s, end in itertools.pairwise([*begins, last]):
         piece = next((one for one in road.pieces if one.s == s), None)
         x, y, heading, *_ = (float(part) for part in road.line.at(s)) if piece is None else piece[1:]
         bend, change = (0.0, 0.0) if piece is None else piece[4:]
