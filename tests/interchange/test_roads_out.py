@@ -16,8 +16,10 @@ from cornerforge.errors import InputError
 from cornerforge.experiment.roads import odd_on, road_named
 from cornerforge.ext.interchange.opendrive import write_road_once
 from cornerforge.ext.interchange.openscenario import write_openscenario
+from cornerforge.ext.interchange.osi_messages import GROUND_TRUTH, message_class
 from cornerforge.ext.interchange.plain_roads import is_plain, is_straight
 from cornerforge.ext.interchange.road_import import road_of_opendrive
+from cornerforge.ext.interchange.write_osi import write_osi
 from cornerforge.library import CaseLibrary
 from cornerforge.library.case_file import case_text, read_case_file
 from cornerforge.library.out_case import OutCase
@@ -137,6 +139,37 @@ def test_vehicles_are_where_the_files_road_has_their_lanes(name: str, tmp_path: 
         assert contact_frame(root) == crash_of(scenario)
 
 
+@pytest.mark.parametrize("name", ["on-ramp", "curves", "uneven"])
+def test_a_trace_moves_in_the_world_of_the_files_road(name: str, tmp_path: Path) -> None:
+    """Places are on the road of the file, velocities and accelerations are those of the places."""
+    pytest.importorskip("google.protobuf", reason="protobuf is not installed (the extra osi)")
+    road = UNEVEN if name == "uneven" else road_named(name)
+    scenario = cut_in_on(road)
+    of_trace, of_road = write_osi(OutCase("case", scenario, {}), tmp_path / "case.osi")
+    read = replace(road_of_opendrive(tmp_path / of_road), lane_width=road.lane_width)
+    content, rows = (tmp_path / of_trace).read_bytes(), []
+    while content:
+        size = int.from_bytes(content[:4], "little")
+        message = message_class(GROUND_TRUTH).FromString(content[4 : 4 + size])
+        assert message.map_reference == of_road
+        for thing in message.moving_object:
+            base = thing.base
+            rows += [
+                [getattr(part, axis) for part in (base.position, base.velocity, base.acceleration) for axis in "xy"]
+            ]
+            rows[-1].append(base.orientation.yaw)
+        content = content[4 + size :]
+    x, y, vx, vy, ax, ay, heading = np.moveaxis(np.reshape(rows, (*scenario.x.shape, 7)), 2, 0)
+    s, across = read.project(x, y)
+    np.testing.assert_allclose(s - (read.length - road.length), scenario.x + scenario.odd.road_at, atol=1e-4)
+    np.testing.assert_allclose(across, scenario.y, atol=1e-4)
+    np.testing.assert_allclose(heading, read.line.at(s).heading + scenario.heading, atol=1e-6)
+    keeps = [0, 2]  # they keep their speed on the reference line; beside it a clothoid changes it by up to 0.06 m/s2
+    for place, speed, pull in ((x, vx, ax), (y, vy, ay)):
+        np.testing.assert_allclose(np.gradient(place, 0.1, axis=0)[1:-1], speed[1:-1], atol=0.15)
+        np.testing.assert_allclose(np.gradient(speed, 0.1, axis=0)[1:-1, keeps], pull[1:-1, keeps], atol=0.07)
+
+
 def test_relative_manoeuvres_need_straight_lanes_of_one_width(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"relative measures along straight lanes .* road curves has others"):
         write_openscenario(OutCase("case", cut_in_on(road_named("curves")), {}), tmp_path, mode="relative")
@@ -147,7 +180,7 @@ def test_relative_manoeuvres_need_straight_lanes_of_one_width(tmp_path: Path) ->
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("to", ["commonroad", "osi", "mcap", "csv", "parquet", "rerun"])
+@pytest.mark.parametrize("to", ["commonroad", "csv", "parquet", "rerun"])
 def test_a_format_that_cannot_hold_the_road_is_refused(on_ramp: Path, tmp_path: Path, to: str) -> None:
     with pytest.raises(InputError, match=rf"^{to} is written .* road on-ramp has others; .* to: json, "):
         cornerforge.export(on_ramp, "all", to=to, out=tmp_path / "out")

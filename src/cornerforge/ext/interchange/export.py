@@ -126,7 +126,7 @@ _NEEDS = {
     "mcap": ("mcap", "mcap", "osi"),
 }  # fmt: skip
 """Module that a format needs, its package, and the extra that installs it."""
-_HOLD_ROADS = frozenset({"json", "openscenario"})
+_HOLD_ROADS = frozenset({"json", "mcap", "openscenario", "osi"})
 """Formats that hold roads with curves, and with lanes that begin and end."""
 _MODES = {"openscenario": ("recorded", "controller", "relative"), "commonroad": ("recorded", "controller")}
 _ENDINGS = {"csv": "csv", "parquet": "parquet", "rerun": "rrd", "json": "json"}

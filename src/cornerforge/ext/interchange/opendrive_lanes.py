@@ -39,6 +39,7 @@ class InWorld(NamedTuple):
         x, y: [m].
         heading: Of the vehicle [rad].
         road: Direction of the road there [rad].
+        bend: Curvature of the vehicle's way along the road, to the left positive [1/m].
         stretch: Metres of the world for one along the reference line: 1 on it, less at the inside of a curve.
     """
 
@@ -46,16 +47,17 @@ class InWorld(NamedTuple):
     y: NDArray[np.float64]
     heading: NDArray[np.float64]
     road: NDArray[np.float64]
+    bend: NDArray[np.float64]
     stretch: NDArray[np.float64]
 
 
 def in_world(odd: Odd, x: NDArray[np.float64], y: NDArray[np.float64], heading: NDArray[np.float64]) -> InWorld:
     """Give places of the simulator in the world of the ODD's road; without one the world is the simulator's."""
     if odd.road is None:
-        return InWorld(x, y, heading, np.zeros_like(x), np.ones_like(x))
+        return InWorld(x, y, heading, np.zeros_like(x), np.zeros_like(x), np.ones_like(x))
     pose = odd.road.pose_at(x + odd.road_at, y)
     stretch = 1.0 / (1.0 + pose.curvature * odd.road.aside(y))
-    return InWorld(pose.x, pose.y, pose.heading + heading, pose.heading, stretch)
+    return InWorld(pose.x, pose.y, pose.heading + heading, pose.heading, pose.curvature, stretch)
 
 
 def road_file(odd: Odd, road: Road, first: float, last: float) -> tuple[str, str]:

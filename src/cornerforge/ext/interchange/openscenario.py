@@ -443,7 +443,7 @@ def _tracks(scenario: Scenario, behind: NDArray[np.float64], more: int, manoeuvr
             along = x - behind[column] * np.cos(heading)
             reach = float(along.min()), float(along.max())
             along_its_way = float(speed[0] / np.cos(heading[0]))
-            x, y, heading, _, stretch = in_world(scenario.odd, x, y, heading)
+            x, y, heading, _, _, stretch = in_world(scenario.odd, x, y, heading)
             x, y = x - behind[column] * np.cos(heading), y - behind[column] * np.sin(heading)
             speed_there = along_its_way * float(stretch[0])
             own_name = f"{name}-{number + 1}" if number else name

@@ -1,12 +1,14 @@
 """Cases as ASAM OSI ground-truth traces, `.osi` or MCAP, with their road as OpenDRIVE.
 
-One `GroundTruth` each tenth of a second. The world's axes are ours: x along the road, y to the left of its right edge.
-The AV is the host vehicle; ids are slots. `map_reference` names the road's file beside the trace. MCAP files hold the
-case's facts too, as metadata; an .osi file has no place for them.
+One `GroundTruth` each tenth of a second. The world is that of the road's file; where the case has no road of its own, x
+goes along the straight one, and y to the left from its right edge. The AV is the host vehicle; ids are slots.
+`map_reference` names the road's file beside the trace. MCAP files hold the case's facts too, as metadata; an .osi file
+has no place for them.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -17,6 +19,7 @@ from cornerforge._files import writing
 from cornerforge.errors import MissingExtraError
 from cornerforge.ext.interchange.differences import rates
 from cornerforge.ext.interchange.opendrive import write_road_once
+from cornerforge.ext.interchange.opendrive_lanes import InWorld, in_world
 from cornerforge.ext.interchange.osi_messages import GROUND_TRUTH, VEHICLE, VERSION, message_class, schema_bytes
 from cornerforge.library.out_case import OutCase
 from cornerforge.types import FRAME_S, Scenario
@@ -53,8 +56,10 @@ def write_osi(case: OutCase, path: Path) -> tuple[str, str]:
     made = message_class(GROUND_TRUTH)
     there = scenario.x[scenario.present]
     road = write_road_once(scenario.odd, path.parent, float(there.min()), float(there.max()))
+    world = in_world(scenario.odd, scenario.x, scenario.y, scenario.heading)
     messages = (
-        _message(made, scenario, frame, road).SerializeToString(deterministic=True) for frame in range(len(scenario.x))
+        _message(made, scenario, world, frame, road).SerializeToString(deterministic=True)
+        for frame in range(len(scenario.x))
     )
     with writing(path, "the trace") as part, part.open("wb") as file:
         if path.suffix == ".mcap":
@@ -90,7 +95,7 @@ def _write_mcap(file: BinaryIO, case: OutCase, messages: Iterator[bytes]) -> Non
     writer.finish()
 
 
-def _message(made: Any, scenario: Scenario, frame: int, road: str) -> Any:
+def _message(made: Any, scenario: Scenario, world: InWorld, frame: int, road: str) -> Any:
     message = made(map_reference=road)
     number = message.version
     number.version_major, number.version_minor, number.version_patch = VERSION
@@ -103,12 +108,15 @@ def _message(made: Any, scenario: Scenario, frame: int, road: str) -> Any:
         base = thing.base
         size, place = base.dimension, base.position
         size.length, size.width, size.height = length, float(scenario.width[column]), _HEIGHTS[kind]
-        place.x, place.y, place.z = scenario.x[frame, column], scenario.y[frame, column], 0.5 * _HEIGHTS[kind]
-        base.orientation.yaw = scenario.heading[frame, column]
-        base.velocity.x = scenario.speed[frame, column]
+        x, y, heading, direction, bend, stretch = (float(part[frame, column]) for part in world)
+        place.x, place.y, place.z = x, y, 0.5 * _HEIGHTS[kind]
+        base.orientation.yaw = heading
+        along = float(scenario.speed[frame, column]) * stretch
         near = slice(max(0, frame - 1), frame + 2)
-        base.velocity.y = rates(scenario.y[near, column])[min(frame, 1)]
-        base.acceleration.x = scenario.acceleration[frame, column]
+        across = float(rates(scenario.y[near, column])[min(frame, 1)])
+        ahead = float(scenario.acceleration[frame, column]) * stretch
+        base.velocity.x, base.velocity.y = _turned(along, across, direction)
+        base.acceleration.x, base.acceleration.y = _turned(ahead, along**2 * bend, direction)
         for axle, way in (
             (thing.vehicle_attributes.bbcenter_to_rear, -1.0),
             (thing.vehicle_attributes.bbcenter_to_front, 1.0),
@@ -117,3 +125,9 @@ def _message(made: Any, scenario: Scenario, frame: int, road: str) -> Any:
         about = thing.vehicle_classification
         about.type, about.role = _TYPES[kind], _CIVIL
     return message
+
+
+def _turned(along: float, across: float, direction: float) -> tuple[float, float]:
+    """Turn a vector along and across the road into one of the world."""
+    cos, sin = math.cos(direction), math.sin(direction)
+    return along * cos - across * sin, along * sin + across * cos
