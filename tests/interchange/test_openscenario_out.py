@@ -14,7 +14,7 @@ from crashes_by_hand import LEFT, MIDDLE, RIGHT, Car, Turn, crash, mirrored
 from openscenario_read_back import contact_frame, crash_of, entities_of, real_crashes, times_over, tracks_of
 
 from cornerforge.errors import InputError, OutputError, UnknownNameError
-from cornerforge.ext.interchange.opendrive import lane_id, write_road
+from cornerforge.ext.interchange.opendrive import lane_id, write_road_once
 from cornerforge.ext.interchange.openscenario import MODES, VERSIONS, write_openscenario
 from cornerforge.library.out_case import OutCase
 from cornerforge.types import MOTORCYCLE, ODDS, TRUCK, Crash, Odd, Scenario
@@ -353,12 +353,11 @@ def test_a_date_where_one_is_wanted(tmp_path: Path) -> None:
 
 def test_the_road_has_our_axes(tmp_path: Path) -> None:
     odd = Odd(n_lanes=4, lane_width=3.5, max_speed=50.0)
-    write_road(odd, tmp_path / "road.xodr", first=-100.0, last=900.0)
-    road = ET.parse(tmp_path / "road.xodr").getroot().find("road")
+    road = ET.parse(tmp_path / write_road_once(odd, tmp_path, -100.0, 900.0)).getroot().find("road")
     assert road is not None
     line = road.find("planView/geometry")
     assert line is not None
-    assert [float(line.get(key, "")) for key in ("x", "y", "hdg", "length")] == [-100.0, 14.0, 0.0, 1000.0]
+    assert [float(line.get(key, "")) for key in ("x", "y", "hdg", "length")] == [-1000.0, 14.0, 0.0, 6000.0]
     y, middles = 14.0, {}
     for lane in road.findall("lanes/laneSection/right/lane"):
         width, speed = lane.find("width"), lane.find("speed")
@@ -400,7 +399,7 @@ def test_what_cannot_be_asked_for(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="Vehicle 2 has no finite place"):
         write_openscenario(OutCase("case", replace(CUT_IN, x=bad), {}), tmp_path)
     with pytest.raises(InputError, match="last metre of the road"):
-        write_road(CUT_IN.odd, tmp_path / "road.xodr", first=10.0, last=5.0)
+        write_road_once(CUT_IN.odd, tmp_path, 0.0, 2e7)
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="Cannot write"):

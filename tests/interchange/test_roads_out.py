@@ -15,9 +15,9 @@ import cornerforge
 from cornerforge.errors import InputError
 from cornerforge.experiment.roads import odd_on, road_named
 from cornerforge.ext.interchange.opendrive import write_road_once
+from cornerforge.ext.interchange.opendrive_lanes import is_plain, is_straight
 from cornerforge.ext.interchange.openscenario import write_openscenario
 from cornerforge.ext.interchange.osi_messages import GROUND_TRUTH, message_class
-from cornerforge.ext.interchange.plain_roads import is_plain, is_straight
 from cornerforge.ext.interchange.road_import import road_of_opendrive
 from cornerforge.ext.interchange.write_osi import write_osi
 from cornerforge.library import CaseLibrary

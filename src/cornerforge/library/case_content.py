@@ -164,7 +164,7 @@ RoadContent = msgspec.defstruct(
 class CaseContent(Closed, frozen=True):
     """One driving case, whole.
 
-    A straight road, the vehicles at the start, how the others move from there on, and what became of it with the AV
+    The road, the vehicles at the start, how the others move from there on, and what became of it with the AV
     that was in it. x goes along the road, y to the left from its right edge, headings counter-clockwise, a frame is
     0.1 s. The numbers of recorded AVs are those of float32, all others of float64: read and written again they are the
     same bits.

@@ -16,9 +16,9 @@ from cornerforge.errors import InputError, MissingExtraError
 from cornerforge.experiment.output import config_hash, open_output, provenance, write_json
 from cornerforge.ext.interchange.case_facts import CaseFacts
 from cornerforge.ext.interchange.library_case_files import CaseFilesOf
+from cornerforge.ext.interchange.opendrive_lanes import is_plain
 from cornerforge.ext.interchange.openscenario import VERSIONS, write_openscenario
 from cornerforge.ext.interchange.options import Export
-from cornerforge.ext.interchange.plain_roads import is_plain
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.case_file import write_case_file
 from cornerforge.results.whole import Exported

@@ -24,7 +24,7 @@ from cornerforge.road.lanes import lanes_of
 from cornerforge.road.network import Lane, Road
 from cornerforge.types import Odd
 
-__all__ = ["InWorld", "in_world", "road_file"]
+__all__ = ["InWorld", "in_world", "is_plain", "is_straight", "road_file", "road_text"]
 
 _TYPES = {"through": "driving", "acceleration": "entry", "deceleration": "exit", "closed": "restricted"}
 _WIDTHS = (2.5, 6.0)
@@ -60,6 +60,20 @@ def in_world(odd: Odd, x: NDArray[np.float64], y: NDArray[np.float64], heading: 
     return InWorld(pose.x, pose.y, pose.heading + heading, pose.heading, pose.curvature, stretch)
 
 
+def is_straight(road: Road) -> bool:
+    """Say whether distances in the simulator are those in the world: no curves, and slots as far apart as there."""
+    even = np.allclose(np.diff(road.centres), road.lane_width, rtol=0.0, atol=1e-6)
+    return bool(even) and road.line.tightest == float("inf") and not (road.line.gaps > 1e-6).any()
+
+
+def is_plain(road: Road) -> bool:
+    """Say whether a road is as the simulator's without one: straight, its lanes go on and may be left all along."""
+    inner = [(one.left, one.slot + 1) for one in road.lanes] + [(one.right, one.slot) for one in road.lanes]
+    free = all(mark.may_cross for marks, border in inner if 0 < border < road.slots for mark in marks)
+    whole = all((one.begin, one.end, one.kind) == (0.0, road.length, "through") for one in road.lanes)
+    return is_straight(road) and whole and free
+
+
 def road_file(odd: Odd, road: Road, first: float, last: float) -> tuple[str, str]:
     """Make the file of an ODD's road as OpenDRIVE: its name and its text.
 
@@ -77,14 +91,13 @@ def road_file(odd: Odd, road: Road, first: float, last: float) -> tuple[str, str
     first, last = first + odd.road_at, last + odd.road_at
     first = 0.0 if first >= 0.0 else _STEP * math.floor(first / _STEP)
     last = road.length if last <= road.length else _STEP * math.ceil(last / _STEP)
-    text = _text(odd, road, first, last)
+    text = road_text(road, lanes_of(replace(odd, road_at=0.0)), first, last)
     return f"road-{safe_name(road.name)}-{hashlib.sha256(text.encode()).hexdigest()[:8]}.xodr", text
 
 
-def _text(odd: Odd, road: Road, first: float, last: float) -> str:
-    """Write the road from one s to another [m]; `first` is s = 0 of the file."""
+def road_text(road: Road, lanes: Sequence[Lane], first: float, last: float) -> str:
+    """Write the lanes of a road from one s to another [m]; `first` is s = 0 of the file. Raises as `road_file`."""
     widths = _widths(road)
-    lanes = lanes_of(replace(odd, road_at=0.0))
     cuts = {first}
     for lane in lanes:
         places = (lane.begin, lane.end, *(mark.s for marks in (lane.left, lane.right) for mark in marks[1:]))
@@ -112,11 +125,7 @@ def _text(odd: Odd, road: Road, first: float, last: float) -> str:
 
 
 def _widths(road: Road) -> list[float]:
-    """Find widths of the slots, as even as can be, with which their middles lie where the road has them [m].
-
-    Raises:
-        InputError: There are none of 2.5 to 6 m.
-    """
+    """Find widths of the slots, as even as can be, with which their middles lie where the road has them [m]."""
     rest, signs = [0.0], [1.0]
     for apart in np.diff(road.centres).tolist():
         rest.append(2.0 * apart - rest[-1])

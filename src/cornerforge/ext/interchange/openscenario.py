@@ -21,8 +21,7 @@ from cornerforge._files import writing
 from cornerforge.errors import InputError
 from cornerforge.ext.interchange import openscenario_elements as xosc
 from cornerforge.ext.interchange.opendrive import lane_id, write_road_once
-from cornerforge.ext.interchange.opendrive_lanes import in_world
-from cornerforge.ext.interchange.plain_roads import is_straight
+from cornerforge.ext.interchange.opendrive_lanes import in_world, is_straight
 from cornerforge.ext.interchange.relative import Manoeuvre, Trigger, manoeuvre_of
 from cornerforge.library.out_case import Fact, OutCase, check_name
 from cornerforge.types import CAR, FRAME_S, MOTORCYCLE, TRUCK, Scenario
