@@ -130,6 +130,22 @@ def test_what_cannot_be_represented_is_refused_with_its_line(what: str, tmp_path
         road_of_opendrive(written(tmp_path / "bad.xodr", lanes, extra=extra))
 
 
+def test_ramps_and_closed_lanes_are_told_by_their_lines_and_neighbours(tmp_path: Path) -> None:
+    """An onRamp is a ramp where its line is solid; a restricted lane counts where an open one goes on in its place."""
+    ramp = [
+        section(s, lane(-1, one), lane(-2, more=MARK.format(mark)), lane(-3, "onRamp"), lane(-4, "restricted"))
+        for s, one, mark in ((0, "driving", "solid"), (200, "restricted", "broken"))
+    ]
+    road = road_of_opendrive(written(tmp_path / "ramp.xodr", *ramp))
+    found = [(one.slot, one.kind, one.begin, one.end) for one in road.lanes]
+    assert found == [
+        (0, "ramp", 0.0, 200.0), (0, "acceleration", 200.0, 500.0), (1, "through", 0.0, 500.0),
+        (2, "through", 0.0, 200.0), (2, "closed", 200.0, 500.0),
+    ]  # fmt: skip
+    with pytest.raises(DataError, match="no lane that is driven"):
+        road_of_opendrive(written(tmp_path / "none.xodr", section(0, lane(-1, "restricted"))))
+
+
 def test_a_road_or_stretch_that_the_file_lacks(merging: Path) -> None:
     with pytest.raises(InputError, match="no road '8'; it has 7"):
         road_of_opendrive(merging, ident="8")

@@ -167,12 +167,12 @@ class _Taken:
     def _lanes(self) -> tuple[tuple[float, ...], tuple[OurLane, ...], float]:
         """Middles of the slots, the lanes in them, and the width of a slot in the simulator."""
         places = self._places()
-        rows = [self._seen(place) for place in places]
+        seen_there = [self._seen(place) for place in places]
+        driven = {round(seen.middle, 3) for row in seen_there for seen in row if seen.kind != "closed"}
+        rows = [[seen for seen in row if round(seen.middle, 3) in driven] for row in seen_there]
         if not any(rows):
             side = "against" if self.against else "along"
             raise self.fault(self.theirs.line, f"road {self.theirs.ident} has no lane that is driven {side} its line")
-        driven = {round(seen.middle, 3) for row in rows for seen in row if seen.kind != "closed"}
-        rows = [[seen for seen in row if round(seen.middle, 3) in driven] for row in rows]
         border = {section.s - _JUST: section.s for section in self.theirs.sections}
         at = [border.get(place, place) for place in places]
         ours = [self.end - place if self.against else place - self.begin for place in at]
