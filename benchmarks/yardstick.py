@@ -58,8 +58,12 @@ def _fields(names: tuple[str, ...], integers: set[str] | None = None) -> list[tu
     return [(name, _INT if name in (integers or set()) else _DOUBLE) for name in names]
 
 
+_OF_ROAD = RoadNumbers._fields[: RoadNumbers._fields.index("lanes")]
+"""Numbers of a road whose lanes go on: the yardstick knows no other."""
+
+
 class _Road(ctypes.Structure):
-    _fields_ = _fields(RoadNumbers._fields, _INTEGERS)
+    _fields_ = _fields(_OF_ROAD, _INTEGERS)
 
 
 class _Av(ctypes.Structure):
@@ -226,7 +230,7 @@ class Yardstick:
         tables = setting.tables
         self._kept = (setting, ACCELERATIONS)  # what the pointers below point to
         self._setting = _Setting(
-            _Road(*setting.road),
+            _Road(*setting.road[: len(_OF_ROAD)]),
             _Av(*setting.av.idm, *setting.av.mobil, *setting.av.sight),
             _Tables(
                 *(_address(getattr(tables, name)) for name in _TABLES),

@@ -151,7 +151,8 @@ def test_the_schema_is_a_schema_and_files_follow_it() -> None:
 
 
 def test_the_schema_knows_what_the_code_knows() -> None:
-    parts = {name.removesuffix("Content"): one["properties"] for name, one in case_schema()["$defs"].items()}
+    ours = {name: one for name, one in case_schema()["$defs"].items() if name.endswith("Content")}
+    parts = {name.removesuffix("Content"): one["properties"] for name, one in ours.items()}
     assert set(parts["Road"]) == {field.name for field in fields(Odd)}
     longest = parts["Road"]["traffic_length"]["maximum"]
     assert parts["Case"]["vehicles"]["maxItems"] == n_slots(Odd(n_lanes=MAX_LANES, traffic_length=longest))

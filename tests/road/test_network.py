@@ -24,7 +24,14 @@ def test_shipped_roads_can_be_driven_and_come_back_from_a_file(name: str, tmp_pa
 
 def test_a_lane_ends_where_nothing_follows_it() -> None:
     ramp, works = road_named("on-ramp"), road_named("work-zone")
-    assert [ramp.ends_ahead(0, s) for s in (500.0, 600.0, 800.0, 850.0, 900.0)] == [0.0, 250.0, 50.0, 0.0, 0.0]
+    assert [ramp.ends_ahead(0, s) for s in (50.0, 500.0, 600.0, 800.0, 850.0, 900.0)] == [
+        0.0,
+        350.0,
+        250.0,
+        50.0,
+        0.0,
+        0.0,
+    ]
     assert ramp.ends_ahead(1, 0.0) == float("inf")
     before = works.lane_at(2, 100.0)
     assert before is not None

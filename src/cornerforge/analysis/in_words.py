@@ -87,7 +87,7 @@ def _reason(scenario: Scenario, mover: int, change: LaneChange) -> str:
 
 def _is_free(lane: Lane, x: float) -> bool:
     """Need a vehicle at x not leave a lane yet? It must from `_ENDS_SOON_M` before the end of a lane that ends."""
-    return lane.kind in ("deceleration", "ramp") or lane.end - x > _ENDS_SOON_M
+    return lane.kind in ("deceleration", "ramp") or float(along(x, lane.end)) > _ENDS_SOON_M
 
 
 def _place(scenario: Scenario, frame: int) -> str:

@@ -1,0 +1,56 @@
+"""An ODD on a road: where the AV starts, what it is to do, what files hold of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import cornerforge
+from cornerforge.errors import InputError
+from cornerforge.experiment.roads import odd_on, road_in_words, road_named
+from cornerforge.experiment.setting import road_of
+from cornerforge.library import CaseLibrary
+from cornerforge.types import Odd
+from cornerforge.world_options import WorldOptions
+
+
+@pytest.mark.parametrize(
+    ("name", "task", "start", "length"),
+    [
+        ("on-ramp", "through", 350.0, 600.0), ("on-ramp", "ramp", 450.0, 500.0), ("exit", "exit", 100.0, 850.0),
+        ("weaving", "through", 350.0, 750.0), ("lane-drop", "through", 400.0, 600.0),
+        ("curves", "through", 240.0, 400.0),
+    ],
+)  # fmt: skip
+def test_the_drive_begins_before_the_lanes_change(name: str, task: str, start: float, length: float) -> None:
+    odd = odd_on(Odd(), road_named(name), task)
+    assert odd.av_start + odd.road_at == pytest.approx(start)
+    assert odd.test_length == pytest.approx(length)
+    assert Odd.of_stated(odd.stated()) == odd
+
+
+def test_a_task_needs_its_road() -> None:
+    with pytest.raises(InputError, match="on-ramp has none"):
+        odd_on(Odd(), road_named("on-ramp"), "exit")
+    with pytest.raises(InputError, match="give road"):
+        road_of(WorldOptions(task="ramp"))
+    with pytest.raises(InputError, match="leave out lanes"):
+        road_of(WorldOptions(road="on-ramp", lanes=3))
+    with pytest.raises(InputError, match="4 lanes of 3.66 m, the ODD 3"):
+        replace(Odd(), road=road_named("exit"))
+
+
+def test_a_road_on_which_the_law_was_not_fitted_says_so() -> None:
+    with pytest.warns(UserWarning, match=r"on-ramp; the AV comes from the ramp. Where lanes end .* not fitted"):
+        road_of(WorldOptions(road="on-ramp", task="ramp"))
+    assert road_in_words(road_of(WorldOptions(road="curves"))) == "Road: curves; the AV drives through."
+    assert "road" not in road_of(WorldOptions()).stated()
+
+
+def test_a_library_keeps_its_road(tmp_path: Path) -> None:
+    cornerforge.simulate(tests=40, bv="swerve", road="exit", task="exit", out=tmp_path / "lib")
+    library = CaseLibrary.open(tmp_path / "lib")
+    assert library.odd == odd_on(Odd(), road_named("exit"), "exit")
+    assert cornerforge.replay(tmp_path / "lib", "all", check=True).identical
