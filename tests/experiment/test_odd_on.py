@@ -38,7 +38,7 @@ def test_a_task_needs_its_road() -> None:
         road_of(WorldOptions(task="ramp"))
     with pytest.raises(InputError, match="leave out lanes"):
         road_of(WorldOptions(road="on-ramp", lanes=3))
-    with pytest.raises(InputError, match="4 lanes of 3.66 m, the ODD 3"):
+    with pytest.raises(InputError, match=r"4 lanes of 3\.66 m, the ODD 3"):
         replace(Odd(), road=road_named("exit"))
 
 
