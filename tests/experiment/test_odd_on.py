@@ -12,6 +12,7 @@ from cornerforge.errors import InputError
 from cornerforge.experiment.roads import odd_on, road_in_words, road_named
 from cornerforge.experiment.setting import road_of
 from cornerforge.library import CaseLibrary
+from cornerforge.road.network import Lane
 from cornerforge.types import Odd
 from cornerforge.world_options import WorldOptions
 
@@ -34,6 +35,11 @@ def test_the_drive_begins_before_the_lanes_change(name: str, task: str, start: f
 def test_a_task_needs_its_road() -> None:
     with pytest.raises(InputError, match="on-ramp has none"):
         odd_on(Odd(), road_named("on-ramp"), "exit")
+    bare = replace(
+        road_named("lane-drop"), lanes=(Lane(0, 450.0, 2000.0), Lane(1, 450.0, 2000.0), Lane(2, 450.0, 2000.0))
+    )
+    with pytest.raises(InputError, match="no lane at 200 m in which the AV could start"):
+        odd_on(Odd(), bare)
     with pytest.raises(InputError, match="give road"):
         road_of(WorldOptions(task="ramp"))
     with pytest.raises(InputError, match="leave out lanes"):

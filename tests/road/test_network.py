@@ -70,6 +70,8 @@ def test_a_closed_lane_without_one_beside_it_is_a_dead_end() -> None:
     assert "no lane beside it goes on" in " ".join(faults_of(road))
     wide = replace(road, centres=tuple(-3.66 * k for k in range(7, 0, -1)))
     assert "7 lanes side by side" in " ".join(faults_of(wide))
+    pieces = tuple(Lane(0, 100.0 * k, 100.0 * (k + 1)) for k in range(9))
+    assert "slot 0 has 9 lanes" in " ".join(faults_of(replace(road, lanes=pieces)))
 
 
 FAULTS = {

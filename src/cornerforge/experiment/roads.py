@@ -8,7 +8,7 @@ from pathlib import Path
 from cornerforge._checks import check_in
 from cornerforge.errors import FileFormatError, InputError, UnknownNameError
 from cornerforge.results.stating import as_json, from_file
-from cornerforge.road.lanes import lane_table
+from cornerforge.road.lanes import av_lanes_at, lane_table
 from cornerforge.road.network import Lane, Road, faults_of
 from cornerforge.road.shipped import SHIPPED
 from cornerforge.types import Odd
@@ -30,7 +30,7 @@ def odd_on(odd: Odd, road: Road, task: str = "through") -> Odd:
     400 m and 1 km long.
 
     Raises:
-        InputError: The road has not what the task needs.
+        InputError: The road has not what the task needs, or no lane in which the AV could start.
     """
     check_in("task", task, tuple(TASKS))
     if task != "through" and not _mouths(road, task):
@@ -50,7 +50,7 @@ def odd_on(odd: Odd, road: Road, task: str = "through") -> Odd:
     exits = [lane.end for lane in road.lanes if lane.kind == "deceleration"]
     last = max([*begins, *ends, *exits], default=start)
     length = min(max(last + _AFTER - start, _SHORTEST), _LONGEST, road.length - start)
-    return replace(
+    found = replace(
         odd,
         n_lanes=road.slots,
         lane_width=road.lane_width,
@@ -59,6 +59,9 @@ def odd_on(odd: Odd, road: Road, task: str = "through") -> Odd:
         task=task,
         test_length=length,
     )
+    if not av_lanes_at(found, found.av_start):
+        raise InputError(f"{road.name} has no lane at {start:.0f} m in which the AV could start; cut it with --from.")
+    return found
 
 
 def road_in_words(odd: Odd) -> str:

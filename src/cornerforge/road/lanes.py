@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.road.network import Lane, LaneKind, Road
+from cornerforge.road.network import MOST_LANES, Lane, LaneKind, Road
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -57,8 +57,7 @@ _SLOW = 8.0
 """Below this speed a lane change takes longer [m/s]."""
 _HURRY = 0.55
 """At full urgency a lane change takes so much less of its time."""
-_STRETCHES = 4
-"""Most stretches of one slot."""
+_STRETCHES = MOST_LANES
 _BEGIN, _END, _LEAVE_BY, _RAMP = range(4)
 _NOWHERE = -math.inf
 
@@ -68,7 +67,7 @@ class LaneTable(NamedTuple):
 
     Attributes:
         stretches: By slot and stretch: begin, end, where a vehicle that drives through must have left it (inf:
-            nowhere) [m], and 1 for a ramp; a stretch that is not there ends before it begins, (n_lanes, 4, 4).
+            nowhere) [m], and 1 for a ramp; one that is not there ends before it begins, (n_lanes, MOST_LANES, 4).
         varied: Some lane begins, ends or may not be left.
         exit_slot: Slot of the lane that leads to the exit, -1: there is no exit.
         exit_by: Where a vehicle that takes the exit must be in that slot [m].

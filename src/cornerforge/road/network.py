@@ -21,7 +21,7 @@ from cornerforge.road.reference import Piece, Pose, ReferenceLine
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["LANE_KINDS", "Lane", "LaneKind", "Marking", "Road", "faults_of"]
+__all__ = ["LANE_KINDS", "MOST_LANES", "Lane", "LaneKind", "Marking", "Road", "faults_of"]
 
 LaneKind = Literal["through", "acceleration", "deceleration", "ramp", "closed"]
 LANE_KINDS: dict[LaneKind, str] = {
@@ -34,7 +34,8 @@ LANE_KINDS: dict[LaneKind, str] = {
 """Kind of a lane, and what that means."""
 _WIDTHS = (2.0, 6.0)
 """Widths of lanes that can be driven [m]."""
-_MOST_SLOTS = 6
+_MOST_SLOTS, MOST_LANES = 6, 8
+"""Most lanes side by side, and one after the other."""
 _GAP, _KINK = 0.05, 0.02
 """A reference line may have gaps and kinks of so much [m, rad]."""
 _TIGHTEST = 100.0
@@ -194,6 +195,8 @@ def faults_of(road: Road) -> list[str]:
         ends = [(lane.begin, lane.end) for lane in road.lanes if lane.slot == slot]
         if not ends:
             found.append(f"there is no lane in slot {slot}")
+        if len(ends) > MOST_LANES:
+            found.append(f"slot {slot} has {len(ends)} lanes, one after the other; {MOST_LANES} can be driven")
         if any(after[0] < before[1] for before, after in itertools.pairwise(ends)):
             found.append(f"lanes in slot {slot} lie over each other, or are not in order")
     return found
