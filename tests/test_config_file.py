@@ -124,6 +124,8 @@ def test_paths_in_a_file_are_seen_from_its_folder(place: Path, capsys: Capture) 
     assert "sub/none.safetensors" in call(capsys, "simulate", "--config", "sub/c.toml")[2]
     write(f'model = "{place}/none.npz"\n', "sub/c.toml")
     assert f"{place}/none.npz" in call(capsys, "simulate", "--config", "sub/c.toml")[2]
+    write('road = "none.json"\n', "sub/c.toml")
+    assert "sub/none.json" in call(capsys, *SIMULATE, "--config", "sub/c.toml")[2]
     write('av = "none.onnx"\n', "sub/c.toml")
     assert "sub/none.onnx" in call(capsys, *SIMULATE, "--config", "sub/c.toml")[2]
 

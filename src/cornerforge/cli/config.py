@@ -35,7 +35,7 @@ _SHARED = {"seed", "threads", *(one.name.replace("_", "-") for one in fields(Wor
 """Options that may stand at the top for other commands than the one that reads the file."""
 _NUMBER_OR_WORD = {"avoidability"}
 """Options of text in which a number is usual."""
-_MAY_NAME_FILES, _ENDINGS = {"bv", "policy"}, (".onnx", ".safetensors", ".zip")
+_MAY_NAME_FILES, _ENDINGS = {"bv", "policy", "road"}, (".json", ".onnx", ".safetensors", ".zip")
 """Options of text that name a file where the text has such an ending."""
 _LONGEST = 1_000_000
 """Most characters of a file; one such as /dev/zero has no end."""

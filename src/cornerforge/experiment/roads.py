@@ -26,8 +26,8 @@ def odd_on(odd: Odd, road: Road, task: str = "through") -> Odd:
     """Put an ODD's traffic and AV on a road, before the first place at which its lanes change.
 
     The AV starts 250 m before a lane begins, 500 m before one ends or an exit begins, and on a ramp 150 m before it
-    meets the road; on a road whose lanes go on, at its begin. The drive ends 100 m after the last change, between
-    400 m and 1 km long.
+    meets the road; on a road whose lanes go on, where it does without a road. The drive ends 100 m after the last
+    change, after 400 m to 1 km; beyond a road's ends its lanes go on straight.
 
     Raises:
         InputError: The road has not what the task needs, or no lane in which the AV could start.
@@ -45,11 +45,12 @@ def odd_on(odd: Odd, road: Road, task: str = "through") -> Odd:
     elif task == "exit":
         start = _mouths(road, task)[0].begin - _BEFORE_EXIT
     else:
-        start = min([*(s - _BEFORE_BEGIN for s in begins), *(s - _BEFORE_END for s in ends)], default=odd.av_start)
+        early = min(odd.av_start, road.length - _SHORTEST)
+        start = min([*(s - _BEFORE_BEGIN for s in begins), *(s - _BEFORE_END for s in ends)], default=early)
     start = max(0.0, start)
     exits = [lane.end for lane in road.lanes if lane.kind == "deceleration"]
     last = max([*begins, *ends, *exits], default=start)
-    length = min(max(last + _AFTER - start, _SHORTEST), _LONGEST, road.length - start)
+    length = min(max(last + _AFTER - start, _SHORTEST), _LONGEST)
     found = replace(
         odd,
         n_lanes=road.slots,
@@ -96,12 +97,14 @@ def read_road(name: str | Path) -> Road:
 
     Raises:
         UnknownNameError: No road and no file has this name.
-        FileFormatError: The file is damaged.
+        FileFormatError: The file is damaged, or holds no road of ours.
     """
     if str(name) in SHIPPED:
         return SHIPPED[str(name)]()
     if not Path(name).is_file():
         raise UnknownNameError("road", str(name), SHIPPED)
+    if str(name).endswith((".xodr", ".xml")):
+        raise FileFormatError(f"{name} is no road file yet; make one: cornerforge road import {name} --out ROAD.json")
     road = from_file(Road, Path(name), "cornerforge road import")
     try:
         road.line  # noqa: B018

@@ -96,9 +96,11 @@ def _warn_of_another_world(policy: Policy, name: str, road: Odd, ndd: NddModel) 
     """
     odd = policy.about.get("odd")
     theirs = dict(odd) if isinstance(odd, dict) else {}
-    ours = {"name": road.name, "n_lanes": road.n_lanes, "model": model_hash(ndd)}
+    ours = {"name": road.name, "n_lanes": road.n_lanes, "model": model_hash(ndd), "road": _name_of(road.road)}
+    if theirs:
+        theirs["road"] = _name_of(theirs.get("road"))
     theirs["model"] = policy.about.get("model_hash", ours["model"])
-    words = {"name": "ODD", "n_lanes": "lanes", "model": "naturalistic model"}
+    words = {"name": "ODD", "n_lanes": "lanes", "model": "naturalistic model", "road": "road"}
     other = [f"{words[key]} {theirs[key]}, here {here}" for key, here in ours.items() if theirs.get(key, here) != here]
     if other:
         warnings.warn(
@@ -106,6 +108,13 @@ def _warn_of_another_world(policy: Policy, name: str, road: Odd, ndd: NddModel) 
             "here: cornerforge train.",
             stacklevel=3,
         )
+
+
+def _name_of(road: Any) -> str:
+    """Name a road, or what a file states of one; None is the straight one."""
+    if road is None:
+        return "straight"
+    return str(road["name"]) if isinstance(road, dict) else str(road.name)
 
 
 def road_of(world: WorldOptions) -> Odd:
