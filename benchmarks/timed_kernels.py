@@ -178,7 +178,9 @@ def _timed_draws(
             if states[i, 0] < np.inf:
                 total += sample_row(
                     cut,
-                    following_row(v[i].speed, v[i].desired_speed, states[i, 0], states[i, 1], uniform(words[1, i])),
+                    following_row(
+                        setting.tables, v[i].speed, v[i].desired_speed, states[i, 0], states[i, 1], uniform(words[1, i])
+                    ),
                     words[1, i],
                 )
     _lap(extras, LOOK_UPS, since, clock)

@@ -29,7 +29,7 @@ __all__ = ["WIDE", "Car", "change_lane", "glide", "reckless_drivers", "setting_o
 
 WIDE = Odd(lane_width=4.0)
 """Road on which worlds by hand stand: centres of its lanes are at 2, 6 and 10 m."""
-_tables: dict[int, tuple[NddModel, NddTables]] = {}
+_tables: dict[object, tuple[NddModel, NddTables]] = {}
 _MOST_TABLES = 8
 
 
@@ -72,15 +72,17 @@ def setting_of(
     budget: float | None = None,
 ) -> Setting:
     """A run as the kernels take it; a model's tables are prepared once (kept with it, so that its id stays its own)."""
-    if id(model) not in _tables:
-        _tables[id(model)] = model, tables_of(model)
+    road = road_numbers(odd or WIDE)
+    key = (id(model), road.stops, road.spacing)
+    if key not in _tables:
+        _tables[key] = model, tables_of(model, stops=road.stops, traffic=(odd or WIDE).traffic)
         if len(_tables) > _MOST_TABLES:  # the oldest: a model and its tables take 17 MB
             del _tables[next(iter(_tables))]
     av = av or av_named("idm-mobil")
     return Setting(
-        road=road_numbers(odd or WIDE),
+        road=road,
         av=numbers_of_av(av),
-        tables=_tables[id(model)][1],
+        tables=_tables[key][1],
         who=Controllers(
             critical=ADVERSARIES[adversary or "nobody"],
             others=IDM_BVS if idm_bvs else NATURALISTIC,

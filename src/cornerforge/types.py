@@ -136,9 +136,14 @@ ACTION_HOLD = ACTIONS.index(Action("+0.0 m/s²", 0, 0.0))
 """Index of acceleration 0."""
 
 
+TRAFFIC = {"free": 40.0, "dense": 15.0, "queue": 8.0}
+"""Kinds of traffic, and for each the distance of vehicles in a lane, in the mean, for which a world has room [m]
+(docs/adr/0078-traffic-that-stops.md)."""
+QUEUE_FROM, QUEUE_TO = 250.0, 330.0
+"""Where the end of a queue is at the start, ahead of the AV [m]: farther than drivers see."""
 LATER = {
     "truck_share": 0.0, "motorcycle_share": 0.0, "ignored_rear": 0.0, "same_duration": False, "slower_right": 0.0,
-    "max_jerk": math.inf, "road": None, "road_at": 0.0, "task": "through",
+    "max_jerk": math.inf, "road": None, "road_at": 0.0, "task": "through", "traffic": "free",
 }  # fmt: skip
 """Fields of an ODD that files may lack, and what they are there."""
 
@@ -189,6 +194,8 @@ class Odd:
     road_at: Annotated[float, meant("Place of the road at which x is 0.", "m", -1e5, 1e6)] = 0.0
     task: Annotated[str, meant("What the AV is to do: drive through, come from the ramp, or take the exit.",
         choices=("through", "ramp", "exit"))] = "through"  # fmt: skip
+    traffic: Annotated[str, meant("How the others drive: freely at 20 to 40 m/s, densely, or freely up to the end of "
+        "a queue ahead.", choices=tuple(TRAFFIC))] = "free"  # fmt: skip
 
     def __post_init__(self) -> None:
         check_integer("lanes", self.n_lanes, low=2, high=MAX_LANES)
@@ -201,7 +208,16 @@ class Odd:
                 object.__setattr__(self, one.name, float(getattr(self, one.name)))
 
     def _check_road(self) -> None:
+        if self.traffic == "queue":
+            check_number(
+                "odd.traffic_length, for a queue,",
+                self.traffic_length,
+                low=self.av_start + QUEUE_TO,
+                high=5000.0,
+                unit="m",
+            )
         check_in("odd.task", self.task, ("through", "ramp", "exit"))
+        check_in("odd.traffic", self.traffic, tuple(TRAFFIC))
         if self.road is None:
             if self.task != "through":
                 raise InputError(
@@ -239,6 +255,11 @@ class Odd:
     def size_of(self, kind: int) -> tuple[float, float]:
         """Length and width of a class [m], by its index in `CLASSES`."""
         return (self.vehicle_length, self.vehicle_width) if kind == CAR else (CLASSES[kind].length, CLASSES[kind].width)
+
+    @property
+    def spacing(self) -> float:
+        """Distance of vehicles in a lane, in the mean, for which a world has room [m]."""
+        return TRAFFIC[self.traffic]
 
     @property
     def sizes_on_road(self) -> list[tuple[float, float]]:

@@ -82,6 +82,12 @@ class RoadOptions(_World):
             choices=("through", "ramp", "exit"),
         ),
     ] = "through"
+    traffic: Annotated[
+        str,
+        meant(
+            "How the others drive: freely, densely, or up to the end of a queue.", choices=("free", "dense", "queue")
+        ),
+    ] = "free"
     model: Annotated[Path | str | NddModel | None, meant("Naturalistic model; the shipped one by default.")] = None
 
 

@@ -58,7 +58,7 @@ def words(request: pytest.FixtureRequest) -> np.ndarray:
 
 def test_rows_are_those_of_the_models_arrays(model: NddModel, tables: NddTables) -> None:
     for i, j, k in [(0, 0, 0), (20, 115, 18), (7, 33, 4), (0, 115, 0), (20, 0, 18)]:
-        row = following_row(SPEEDS[i], 33.0, GAPS[j], RANGE_RATES[k], 0.5)
+        row = following_row(tables, SPEEDS[i], 33.0, GAPS[j], RANGE_RATES[k], 0.5)
         np.testing.assert_array_equal(tables.p[row], model.following[i, j, k])
         np.testing.assert_array_equal(tables.p[free_row(SPEEDS[i], SPEEDS[i])], model.free[i])  # it lacks nothing
 
@@ -87,8 +87,10 @@ def test_speeds_take_the_nearest_row(tables: NddTables, speed: float, index: int
     assert free_row(speed, speed) == free_row(20.0, 20.0) + 25 * index
     assert free_row(speed, speed + 2.0) == free_row(speed, speed) + 4  # it lacks 2 m/s, in halves
     assert free_row(speed, speed - 99.0) == free_row(speed, speed) - 12
-    assert following_row(speed, 32.0, 0.0, -10.0, 0.5) == index * 116 * 19  # behind a lead the wish counts for nothing
-    assert following_row(speed, 32.0, math.inf, 0.0, 0.5) == free_row(speed, 32.0)
+    assert (
+        following_row(tables, speed, 32.0, 0.0, -10.0, 0.5) == index * 116 * 19
+    )  # behind a lead the wish counts for nothing
+    assert following_row(tables, speed, 32.0, math.inf, 0.0, 0.5) == free_row(speed, 32.0)
     assert free_row(20.0, 0.0) == 21 * 116 * 19 == tables.p.shape[0] - 21 * 25
 
 
@@ -202,7 +204,7 @@ def test_frequencies_match_the_row(
     tables: NddTables, words: np.ndarray, speed: float, gap: float, range_rate: float
 ) -> None:
     # H0: actions are independent draws of the row; unit: a test's word; n = 100,000 sees L1 errors of 0.026.
-    row = following_row(speed, 0.0, gap, range_rate, 0.5)
+    row = following_row(tables, speed, 0.0, gap, range_rate, 0.5)
     drawn = [sample_row(tables.cut, row, word) for word in words]
     counts = np.bincount(drawn, minlength=31)
     bound = l1_bound(31, N, comparisons=4)
@@ -217,7 +219,7 @@ def test_frequencies_match_the_row(
 def test_one_word_never_accelerates_more_in_a_worse_row(
     tables: NddTables, word: np.uint64, speed: float, gap: float
 ) -> None:
-    rows = [following_row(speed, 0.0, gap, rate, 0.5) for rate in RANGE_RATES]
+    rows = [following_row(tables, speed, 0.0, gap, rate, 0.5) for rate in RANGE_RATES]
     for worse, better in itertools.pairwise(rows):
         # stochastically worse: the distribution function lies above everywhere
         if (tables.cut[worse] >= tables.cut[better]).all():
@@ -225,7 +227,7 @@ def test_one_word_never_accelerates_more_in_a_worse_row(
 
 
 def test_the_shipped_model_has_ordered_rows(tables: NddTables) -> None:
-    rows = [following_row(30.0, 0.0, 30.0, rate, 0.5) for rate in RANGE_RATES]
+    rows = [following_row(tables, 30.0, 0.0, 30.0, rate, 0.5) for rate in RANGE_RATES]
     ordered = [(tables.cut[a] >= tables.cut[b]).all() for a, b in itertools.pairwise(rows)]
     assert any(ordered)  # otherwise the property above looks at nothing
 

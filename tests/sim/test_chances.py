@@ -441,7 +441,7 @@ def test_who_states_too_crowded_chances_says_so(model: NddModel) -> None:
         start = world_of([Car(5000.0, 0, 30.0), *(Car(20.0 * k, 2 * (k % 2), 30.0) for k in range(bvs))]).vehicles
         script = Script(np.arange(bvs + 1, dtype=np.int16), start, np.full((1, bvs + 1), NATURAL, dtype=np.int8))
         script.start["x_held"], script.start["speed_held"] = script.start["x"], script.start["speed"]
-        with pytest.warns(UserWarning, match="More than 32 vehicles") if warns else nullcontext():
+        with pytest.warns(UserWarning, match=f"More than {MAX_STARTERS} vehicles") if warns else nullcontext():
             driver.record(script)
 
 

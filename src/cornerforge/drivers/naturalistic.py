@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from cornerforge._elementary import exp
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.ndd.grids import GAP_GRID, LACK_GRID, RANGE_RATE_GRID, SPEED_GRID, Grid
+from cornerforge.ndd.grids import GAP_GRID, LACK_GRID, RANGE_RATE_GRID, SLOW_GRID, SPEED_GRID, Grid
+from cornerforge.ndd.initial import traffic_at_start
 from cornerforge.ndd.memory import MemoryNumbers, memory_numbers
 from cornerforge.types import ACCELERATIONS, N_ACCELERATIONS
 
@@ -48,10 +49,14 @@ NEAREST = 0.5
 FIRST_PROBE = 15
 """The column of `cut` where `sample_row` begins; it shares a cache line with most columns that are read next."""
 _FIRST_FREE_ROW = SPEED_GRID.bins * GAP_GRID.bins * RANGE_RATE_GRID.bins
+_FIRST_SLOW_ROW = _FIRST_FREE_ROW + SPEED_GRID.bins * LACK_GRID.bins
+_SLOWER = SPEED_GRID.lower
+"""Below this speed [m/s] the rows of traffic that stops begin."""
 _ACCELERATIONS = ACCELERATIONS
 _MOST_TILT = 32.0
 """Strongest tilt that is looked for [s2/m]: it puts nearly all weight on the outermost possible acceleration."""
 _LAST_WORD = np.uint64(0xFFFFFFFE)
+_CRAWLS = 5.0
 LEVELS = 1024
 """Number of equally frequent values that stand for the distribution of a trait between drivers."""
 
@@ -88,8 +93,10 @@ class NddTables(NamedTuple):
     """The model as kernels take it.
 
     Attributes:
-        p: P(acceleration), float32 (21 * 116 * 19 + 21 * 25, 31): following states, then free flow by speed and lack.
+        p: P(acceleration), float32 (21 * 116 * 19 + 21 * 25, 31): following states, then free flow by speed and lack;
+            then, where traffic stops (`slow`), following states below 20 m/s, 20 * 116 * 19 rows.
         cut: Cumulative, scaled to 2^32, uint32 (as many, 32): the last column is never passed.
+        slow: Drivers below 20 m/s follow by rows of their own; else as at 20 m/s.
         lc_base: (21,); lc_desire: (116, 19); lc_accept: (2, 116, 19), lead and rear. float32.
         lc_turn_back: (116, 19), float32.
         lc_desire_free, overlook, overlook_conflict: Numbers of the model.
@@ -102,6 +109,7 @@ class NddTables(NamedTuple):
 
     p: NDArray[np.float32]
     cut: NDArray[np.uint32]
+    slow: bool
     lc_base: NDArray[np.float32]
     lc_desire: NDArray[np.float32]
     lc_accept: NDArray[np.float32]
@@ -177,18 +185,27 @@ def _tilt(free: NDArray[np.float32], pull: float, out: NDArray[np.float32]) -> N
                 out[i, k, a] = free[i, a] if theta == 0.0 else tilted
 
 
-def tables_of(model: NddModel) -> NddTables:
-    """Prepare a model for the kernels (about 20 ms, 12 MB)."""
+def tables_of(model: NddModel, *, stops: bool = False, traffic: str = "free") -> NddTables:
+    """Prepare a model for the kernels (about 20 ms, 12 MB).
+
+    Args:
+        model: The model.
+        stops: Traffic stops in this world (`RoadNumbers.stops`); rows for that are added if the model has them.
+        traffic: Kind of the traffic at the start.
+    """
     free = np.empty((SPEED_GRID.bins, LACK_GRID.bins, N_ACCELERATIONS), dtype=np.float32)
     _tilt(model.free, float(model.free_pull), free)
-    p = np.concatenate([model.following.reshape(-1, N_ACCELERATIONS), free.reshape(-1, N_ACCELERATIONS)])
-    initial = InitialNumbers(**{name: float(getattr(model.initial, name)) for name in InitialNumbers._fields})
+    blocks = [model.following, free, *([model.slow] if stops and model.slow is not None else [])]
+    p = np.concatenate([block.reshape(-1, N_ACCELERATIONS) for block in blocks])
+    start = traffic_at_start(model.initial, traffic)
+    initial = InitialNumbers(**{name: float(getattr(start, name)) for name in InitialNumbers._fields})
     odds, often = np.empty(LEVELS), np.empty(LEVELS)
     _log_normal(_levels(), float(model.initial.noise_spread), odds)
     _log_normal(_levels(), float(model.initial.vigilance_sigma), often)
     return NddTables(
         p=p,
         cut=_cuts(p),
+        slow=p.shape[0] > _FIRST_SLOW_ROW,
         lc_base=model.lc_base,
         lc_desire=model.lc_desire,
         lc_accept=np.stack([model.lc_accept_lead, model.lc_accept_rear]),
@@ -259,11 +276,16 @@ def free_row(speed: float, desired_speed: float) -> int:
 
 
 @inlined_kernel
-def following_row(speed: float, desired_speed: float, gap: float, range_rate: float, rounding: float) -> int:
+def following_row(
+    tables: NddTables, speed: float, desired_speed: float, gap: float, range_rate: float, rounding: float
+) -> int:
     """Find the row of `p` and `cut` for a state behind a lead; the free-flow row beyond the grid."""
     gap_row, rate_row = table_row(gap, range_rate, rounding)
     if gap_row < 0:
         return free_row(speed, desired_speed)
+    if tables.slow and speed < _SLOWER:
+        place = _index(SLOW_GRID, speed, NEAREST)
+        return _FIRST_SLOW_ROW + (place * GAP_GRID.bins + gap_row) * RANGE_RATE_GRID.bins + rate_row
     return (speed_index(speed) * GAP_GRID.bins + gap_row) * RANGE_RATE_GRID.bins + rate_row
 
 
@@ -303,9 +325,13 @@ def lane_change_base(tables: NddTables, speed: float, lead_gap: float, range_rat
         speed: Speed of the subject [m/s].
         lead_gap: Gap to the vehicle ahead in its lane [m]; +inf for none.
         range_rate: Lead minus subject [m/s].
+
+    In traffic that stops the chance fades below 5 m/s: a vehicle that stands cannot change lanes.
     """
     gap_row, rate_row = table_row(lead_gap, range_rate, NEAREST)
     desire = tables.lc_desire_free if gap_row < 0 else float(tables.lc_desire[gap_row, rate_row])
+    if tables.slow and speed < _CRAWLS:
+        desire *= speed / _CRAWLS
     return float(tables.lc_base[speed_index(speed)]) * desire
 
 

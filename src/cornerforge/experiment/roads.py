@@ -18,6 +18,11 @@ __all__ = ["TASKS", "odd_on", "read_road", "road_in_words", "road_named", "write
 
 TASKS = {"through": "drives through", "ramp": "comes from the ramp", "exit": "takes the exit"}
 """What an AV may have to do, in words."""
+_TRAFFIC = {
+    "dense": "Traffic is dense, 14 m/s in the mean.",
+    "queue": "Traffic drives freely up to the end of a queue that crawls at 0 to 8 m/s.",
+}
+"""Traffic that stops, in words."""
 _BEFORE_BEGIN, _BEFORE_END, _BEFORE_EXIT, _ON_RAMP, _AFTER = 250.0, 500.0, 500.0, 150.0, 100.0
 _SHORTEST, _LONGEST = 400.0, 1000.0
 
@@ -66,20 +71,21 @@ def odd_on(odd: Odd, road: Road, task: str = "through") -> Odd:
 
 
 def road_in_words(odd: Odd) -> str:
-    """Say on which road an ODD's traffic drives and what is not known of it; "" for the straight one.
+    """Say on which road and in which traffic an ODD's AV drives, and what is not known of them.
+
+    "" for free traffic on the straight road.
 
     >>> road_in_words(Odd())
     ''
     """
-    if odd.road is None:
-        return ""
-    told = f"Road: {odd.road.name}; the AV {TASKS[odd.task]}."
-    if not lane_table(odd).varied:
-        return told
-    return (
-        f"{told} Where lanes end the other drivers merge by a stated law that was not fitted to recordings "
-        "(docs/roads.md): how often the AV crashes there is less certain than its interval says."
-    )
+    told = [] if odd.road is None else [f"Road: {odd.road.name}; the AV {TASKS[odd.task]}."]
+    told += [_TRAFFIC[odd.traffic]] if odd.traffic in _TRAFFIC else []
+    ends = lane_table(odd).varied
+    if ends:
+        told.append("Where lanes end the other drivers merge by a stated law that was not fitted to recordings.")
+    if ends or odd.traffic in _TRAFFIC:
+        told.append("How often the AV crashes there is less certain than its interval says (docs/roads.md).")
+    return " ".join(told)
 
 
 def _mouths(road: Road, task: str) -> list[Lane]:

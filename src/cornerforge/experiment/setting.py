@@ -21,7 +21,6 @@ from cornerforge.experiment.roads import odd_on, road_in_words, road_named
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.spec import AvSpec, spec_of
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
-from cornerforge.road.lanes import lane_table
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import Setting, controllers, n_slots, observe
 from cornerforge.types import Odd, odd_named
@@ -97,10 +96,12 @@ def _warn_of_another_world(policy: Policy, name: str, road: Odd, ndd: NddModel) 
     odd = policy.about.get("odd")
     theirs = dict(odd) if isinstance(odd, dict) else {}
     ours = {"name": road.name, "n_lanes": road.n_lanes, "model": model_hash(ndd), "road": _name_of(road.road)}
+    ours["traffic"] = road.traffic
     if theirs:
         theirs["road"] = _name_of(theirs.get("road"))
+        theirs.setdefault("traffic", "free")
     theirs["model"] = policy.about.get("model_hash", ours["model"])
-    words = {"name": "ODD", "n_lanes": "lanes", "model": "naturalistic model", "road": "road"}
+    words = {"name": "ODD", "n_lanes": "lanes", "model": "naturalistic model", "road": "road", "traffic": "traffic"}
     other = [f"{words[key]} {theirs[key]}, here {here}" for key, here in ours.items() if theirs.get(key, here) != here]
     if other:
         warnings.warn(
@@ -124,16 +125,19 @@ def road_of(world: WorldOptions) -> Odd:
         UnknownNameError, InputError: There is no ODD or road of that name, or it cannot have that many lanes.
     """
     odd = odd_named(world.odd)
+    if world.traffic != odd.traffic:
+        odd = replace(odd, traffic=world.traffic)
     if world.road is not None:
         if world.lanes is not None:
             raise InputError(f"The road {world.road} has lanes of its own; leave out lanes = {world.lanes}.")
-        found = odd_on(odd, road_named(world.road), world.task)
-        if lane_table(found).varied:
-            warnings.warn(road_in_words(found), stacklevel=3)
-        return found
-    if world.task != "through":
+        odd = odd_on(odd, road_named(world.road), world.task)
+    elif world.task != "through":
         raise InputError(f"task = {world.task!r} needs a road with a ramp or an exit; give road, such as on-ramp.")
-    return odd if world.lanes is None else replace(odd, n_lanes=world.lanes)
+    elif world.lanes is not None:
+        odd = replace(odd, n_lanes=world.lanes)
+    if road_numbers(odd).stops:
+        warnings.warn(road_in_words(odd), stacklevel=3)
+    return odd
 
 
 def _check_av(spec: AvSpec, *, takes_foreign: bool, takes_recorded: bool) -> None:
@@ -204,6 +208,11 @@ def experiment(
     budget = check_budget(budget, bounded=bounded)
     if budget is None and world.budget_of != BUDGETS[0]:
         raise InputError(f"budget_of = {world.budget_of!r} says what a budget limits; give the budget too.")
+    if road.traffic != "free" and ndd.slow is None:
+        raise InputError(
+            f"The model {model_hash(ndd)} knows no traffic that stops, so traffic = {road.traffic!r} cannot be driven; "
+            "fit one with: cornerforge ndd fit, or leave out --traffic."
+        )
     known = ("nde", "idm", *(name for name in controllers.ADVERSARIES if name not in ("nobody", "policy")))
     names = [str(name) for name in ([bv] if isinstance(bv, (str, Path)) else bv)]
     if not names:
@@ -239,10 +248,11 @@ def experiment(
     excess = int(world.budget_of == "excess")
     own = controllers.Mask(0, 0, excess, 0 if driver in ("nde", "idm") else steers_from)
     mask = (policies[0].mask if policies else own)._replace(bounded=int(bounded), budget=observe.budget_units(budget))
+    numbers_of_road = road_numbers(road)
     setting = Setting(
-        road=road_numbers(road),
+        road=numbers_of_road,
         av=numbers_of_av(av_model),
-        tables=tables_of(ndd),
+        tables=tables_of(ndd, stops=numbers_of_road.stops, traffic=road.traffic),
         who=controllers.Controllers(
             av=controllers.RECORDED
             if world.av == RECORDED_AV

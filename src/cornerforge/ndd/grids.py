@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["GAP_GRID", "LACK_GRID", "RANGE_RATE_GRID", "SPEED_GRID", "Grid"]
+__all__ = ["GAP_GRID", "LACK_GRID", "RANGE_RATE_GRID", "SLOW_GRID", "SPEED_GRID", "Grid"]
 
 
 class Grid(NamedTuple):
@@ -65,6 +65,8 @@ class Grid(NamedTuple):
 
 SPEED_GRID = Grid(20.0, 1.0, 21)
 """Subject speed [m/s]."""
+SLOW_GRID = Grid(0.0, 1.0, 20)
+"""Subject speed below it [m/s], for traffic that stops."""
 GAP_GRID = Grid(0.0, 1.0, 116)
 """Bumper-to-bumper distance to the lead [m]."""
 RANGE_RATE_GRID = Grid(-10.0, 1.0, 19)

@@ -21,7 +21,7 @@ from cornerforge._checksums import MIGRATE, read_arrays, write_arrays
 from cornerforge._schema import Share, meant, parse
 from cornerforge.errors import FileFormatError
 from cornerforge.fields import Field
-from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID
+from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SLOW_GRID, SPEED_GRID
 from cornerforge.ndd.initial import InitialState, check_initial, check_numbers
 from cornerforge.ndd.memory import Memory
 from cornerforge.types import N_ACCELERATIONS
@@ -31,6 +31,7 @@ __all__ = [
     "OLD_SCHEMA",
     "RANGE_RATES",
     "SCHEMA_VERSION",
+    "SLOW",
     "SPEEDS",
     "TABLES",
     "NddModel",
@@ -90,6 +91,7 @@ class NddModel:
         memory: How a follower's acceleration depends on its own past.
         initial: Traffic at the start.
         provenance: Where it comes from: data files, fit settings, licence note; JSON-compatible.
+        slow: `following` from 0 to 19 m/s, float32 (20, 116, 19, 31); None: the model knows no traffic that stops.
     """
 
     following: NDArray[np.float32]
@@ -106,16 +108,17 @@ class NddModel:
     memory: Memory
     initial: InitialState
     provenance: Mapping[str, object]
+    slow: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
-        for one in TABLES:
-            table, shape = getattr(self, one.name), _SHAPES[one.name]
+        for one in TABLES if self.slow is None else (*TABLES, SLOW):
+            table, shape = getattr(self, one.name), _shape(one)
             if table.shape != shape:
                 raise FileFormatError(f"Model table {one.name} has shape {table.shape}; expected {shape}.")
             low, high = one.within or (0.0, 0.0)
             if not np.isfinite(table).all() or (table < low).any() or (table > high).any():
                 raise FileFormatError(f"Model table {one.name} holds NaN, or numbers that are not {one.allowed}.")
-        for name in ("following", "free"):
+        for name in ("following", "free") if self.slow is None else ("following", "free", SLOW.name):
             off = float(np.abs(getattr(self, name).sum(axis=-1, dtype=np.float64) - 1.0).max())
             if off > 1e-4:
                 raise FileFormatError(f"Model table {name}: a row of probabilities sums to 1 only within {off:.2g}.")
@@ -149,7 +152,18 @@ TABLES: tuple[Field, ...] = (
     Field("lc_turn_back", f"float32[{_STATE}]", "", "Chance to turn back from a change for a neighbour.", _SHARE),
 )  # fmt: skip
 """The arrays of a model's file."""
-_SHAPES = {table.name: tuple(map(int, table.type.partition("[")[2].rstrip("]").split(","))) for table in TABLES}
+SLOW = Field(
+    "slow", f"float32[{SLOW_GRID.bins},{_STATE},{N_ACCELERATIONS}]", "",
+    "The same as following below 20 m/s; files of models that know no traffic that stops lack it.", _SHARE,
+)  # fmt: skip
+"""The array that a model's file may have too. It is made by the law of `following`, so `model_hash` leaves it out."""
+
+
+def _shape(table: Field) -> tuple[int, ...]:
+    return tuple(map(int, table.type.partition("[")[2].rstrip("]").split(",")))
+
+
+_SHAPES = {table.name: _shape(table) for table in TABLES}
 _NUMBERS = ("free_pull", "lc_desire_free", "overlook", "overlook_conflict")
 
 
@@ -172,7 +186,8 @@ def save_model(model: NddModel, path: Path) -> None:
         "provenance": dict(model.provenance),
     }
     text = json.dumps(header, sort_keys=True, indent=1)
-    tables = {name: getattr(model, name).astype(np.float32) for name in _SHAPES}
+    names = [*_SHAPES, *([] if model.slow is None else [SLOW.name])]
+    tables = {name: getattr(model, name).astype(np.float32) for name in names}
     write_arrays(path, {"header": np.array(text), **tables}, "the model")
 
 
@@ -200,10 +215,11 @@ def load_model(path: Path) -> NddModel:
             )
         if not isinstance(header.get("provenance"), dict):
             raise FileFormatError("its provenance is no object.")
-        for name in _SHAPES:
+        names = [*_SHAPES, *([SLOW.name] if SLOW.name in arrays else [])]
+        for name in names:
             if arrays[name].dtype != np.float32:
                 raise FileFormatError(f"table {name} is of type {arrays[name].dtype}; it must be float32.")
-        tables: dict[str, Any] = {name: np.ascontiguousarray(arrays[name], dtype=np.float32) for name in _SHAPES}
+        tables: dict[str, Any] = {name: np.ascontiguousarray(arrays[name], dtype=np.float32) for name in names}
         numbers: dict[str, Any] = {name: header[name] for name in _NUMBERS}
         return NddModel(
             **tables,
@@ -221,7 +237,7 @@ def load_model(path: Path) -> NddModel:
 
 
 def model_hash(model: NddModel) -> str:
-    """SHA-256 (first 16 hex digits) over everything that decides how vehicles drive; provenance left out."""
+    """SHA-256 (first 16 hex digits) over everything that decides how vehicles drive; provenance and `slow` left out."""
     digest = hashlib.sha256()
     for name in _SHAPES:
         digest.update(np.ascontiguousarray(getattr(model, name), dtype="<f4").tobytes())

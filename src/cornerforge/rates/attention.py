@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
-from cornerforge.ndd.memory import away_chance
 from cornerforge.sim import (
     Setting,
     World,
     advance,
     allocate_scratch,
     allocate_worlds,
+    braking,
     built_in_av_decides,
     chances,
     controllers,
@@ -121,8 +121,7 @@ def action_chances(
             lane = step.av_lane(world, setting)
         else:
             _, lane = built_in_av_decides(world, 0, setting.road, setting.av, scratch.av)
-        driver = world.vehicles[slot]
-        looks.append(1.0 - away_chance(int(driver["away"]), float(driver["inattention"]), setting.tables.memory))
+        looks.append(1.0 - braking.looks_away_chance(world.vehicles, slot, setting.road, setting.tables.memory))
         for row, attentive in enumerate((True, False) if present else ()):
             chances.action_probabilities(world, slot, attentive, lane, setting.road, setting.tables, starters, p)
             found[row] = p

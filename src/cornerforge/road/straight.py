@@ -51,9 +51,13 @@ class RoadNumbers(NamedTuple):
         truck_lanes: Lanes that trucks change to, counted from the right: of three or more all but the leftmost.
         ramp_time: 1 / `Odd.max_jerk`: how long a change of the acceleration takes [s per m/s2], 0: no time.
         lanes: Lanes that begin and end.
-        limited: Not every action is possible for every vehicle: there are trucks, or lanes end.
+        limited: Not every action is possible for every vehicle: there are trucks, or traffic stops.
         av_lanes: Lanes in which the AV may start, a bit mask.
         av_exits: The AV is to take the exit.
+        stops: Traffic comes to a stop here, at the end of a lane or of a queue: drivers know how to follow at all
+            speeds, and brake as hard as they must.
+        queue: There is a queue ahead of the AV.
+        spacing: `Odd.spacing`.
     """
 
     n_lanes: int
@@ -83,6 +87,9 @@ class RoadNumbers(NamedTuple):
     limited: bool
     av_lanes: int
     av_exits: bool
+    stops: bool
+    queue: bool
+    spacing: float
 
 
 def road_numbers(odd: Odd) -> RoadNumbers:
@@ -114,9 +121,12 @@ def road_numbers(odd: Odd) -> RoadNumbers:
         odd.slower_right,
         odd.n_lanes - 1 if odd.truck_share > 0.0 and odd.n_lanes > 2 else odd.n_lanes,
         lanes,
-        not one_size or lanes.varied,
+        not one_size or lanes.varied or odd.traffic != "free",
         sum(1 << lane for lane in av_lanes_at(odd, odd.av_start)),
         odd.task == "exit",
+        lanes.varied or odd.traffic != "free",
+        odd.traffic == "queue",
+        odd.spacing,
     )
 
 

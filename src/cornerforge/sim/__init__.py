@@ -32,10 +32,10 @@ Worlds to learn in are in `adversary.worlds`, weighted tests in `rates.branching
 
 Inside, in the order of reading: `world`, `outcome`, `traffic`, `snapshot` (with `world_values`); `controllers`,
 `setting`; `scratch`; `keep`; `loop`. Within the loop: `decide` (what BVs draw; `steering`), `chances` (with which
-probability; `trucks`), `adversaries` (the critical BV), `av`, `av_kinds` and `av_flawed` (built-in AVs), `actions`,
-`motion`, `bicycle`, `rails`, `step` and `reach` (contact), `neighbours`, `sight`, `statistics` and `crossings`. Views:
-`observe`, `av_view`, `av_scene`, `av_features`. Callers: `drive` (whole tests), `runner`, `scripted`, `lockstep`,
-`recorder`, `harvest`.
+probability; `trucks`, `braking`, `merging`), `adversaries` (the critical BV), `av`, `av_kinds` and `av_flawed`
+(built-in AVs), `actions`, `motion`, `bicycle`, `rails`, `step` and `reach` (contact), `neighbours`, `sight`,
+`statistics` and `crossings`. Views: `observe`, `av_view`, `av_scene`, `av_features`. Callers: `drive` (whole tests),
+`runner`, `scripted`, `lockstep`, `recorder`, `harvest`.
 
 The package knows no file, no learner and no plot. The same seed, test and setting give the same bits on any machine,
 for any number of threads, through any of the callers (docs/design.md, ADR 20 and 21).
@@ -54,6 +54,7 @@ if TYPE_CHECKING:
         av_scene,
         av_view,
         bicycle,
+        braking,
         chances,
         controllers,
         harvest,
@@ -107,7 +108,7 @@ __all__ = [
     "AV_MUST_ANSWER", "BV_MUST_ANSWER", "MAX_BRANCH", "MILESTONE", "NEVER", "OVER", "Keep", "Recorder", "Scratch",
     "Script", "ScriptDriver", "Setting", "Tally", "World", "actions", "advance", "all_current", "allocate_recording",
     "allocate_scratch", "allocate_worlds", "answer_as_av", "answer_as_bv", "av_decide", "av_features", "av_scene",
-    "av_view", "bicycle", "branch_of", "bring_up_to_date", "built_in_av_decides", "chances", "choose_action",
+    "av_view", "bicycle", "braking", "branch_of", "bring_up_to_date", "built_in_av_decides", "chances", "choose_action",
     "controllers", "copy_of", "forget_frames", "harvest", "keep_nothing", "keep_whole_test", "lockstep", "look_as_bv",
     "moment_of", "motion", "n_slots", "naming_tests", "neighbours", "observe", "outcome", "packed", "rails",
     "recorder", "reset_world", "runner", "scripted", "simulate", "statistics", "steering", "unpacked",
@@ -143,9 +144,9 @@ _PLACES: dict[str, tuple[str, ...]] = {
     "av_kinds": ("built_in_av_decides",),
     "adversaries": ("choose_action",),
     "": (
-        "actions", "av_features", "av_scene", "av_view", "bicycle", "chances", "controllers", "harvest", "lockstep",
-        "motion", "neighbours", "observe", "outcome", "rails", "recorder", "runner", "scripted", "statistics",
-        "steering",
+        "actions", "av_features", "av_scene", "av_view", "bicycle", "braking", "chances", "controllers", "harvest",
+        "lockstep", "motion", "neighbours", "observe", "outcome", "rails", "recorder", "runner", "scripted",
+        "statistics", "steering",
     ),
 }  # fmt: skip
 """Module -> the names that it gives; modules given as a whole come last."""

@@ -9,6 +9,8 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import path_at, plan_path
 from cornerforge.road.lanes import hurry, may_change, side_to_leave
 from cornerforge.road.straight import begin_along, lane_centre
+from cornerforge.sim.braking import acceleration_of
+from cornerforge.sim.merging import suitable_accelerations
 from cornerforge.sim.motion import path_of
 from cornerforge.types import (
     ACCELERATION_STEP,
@@ -16,6 +18,7 @@ from cornerforge.types import (
     ACTION_SIDES,
     FIRST_ACCELERATION,
     FRAME_S,
+    LOWEST_COMMAND,
     N_ACCELERATIONS,
 )
 
@@ -121,12 +124,18 @@ def nearest_action(acceleration: float) -> int:
 
 @inlined_kernel
 def apply_action(w: World, i: int, action: int, accelerations: NDArray[np.float64], road: RoadNumbers) -> None:
-    """Carry out an action for slot i: an acceleration, or a lane change (0, see `ordered_lane`)."""
+    """Carry out an action for slot i: an acceleration, or a lane change (see `ordered_lane`), which holds the speed.
+
+    Where traffic stops it brakes meanwhile if it must.
+    """
     v = w.vehicles
     if action >= FIRST_ACCELERATION:
-        hold(v, i, accelerations[action - FIRST_ACCELERATION], road)
+        hold(v, i, acceleration_of(w, i, action, accelerations, road), road)
         return
-    hold(v, i, 0.0, road)
     target = ordered_lane(w, i, ACTION_SIDES[action], road)
     if target != v[i].target_lane:
         start_lane_change(w, i, target, road)
+    command = 0.0
+    if road.stops:
+        command = max(LOWEST_COMMAND, min(0.0, suitable_accelerations(w, i, road)[1]))
+    hold(v, i, command, road)

@@ -22,9 +22,10 @@ from cornerforge.drivers.naturalistic import (
     turn_back_chance,
 )
 from cornerforge.drivers.sight import FOLLOWED, HUMAN
-from cornerforge.ndd.memory import away_chance, own_rank, remembered_share, word_at
+from cornerforge.ndd.memory import own_rank, remembered_share, word_at
 from cornerforge.road.lanes import may_change, side_to_leave_lane, way_left
 from cornerforge.road.straight import ahead_by, gap, lane_of
+from cornerforge.sim.braking import looks_away_chance
 from cornerforge.sim.merging import LOOKS_AGAIN, Wish, heeds, pressed_chance, wish_of
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
 from cornerforge.sim.sight import lanes_seen
@@ -64,7 +65,7 @@ __all__ = [
 ALONE = -1
 """Instead of the AV's lane: no other vehicle starts into a lane at this moment. Where conflicts may be overlooked and
 not all want to change lanes, the same actions are possible, in less time."""
-MAX_STARTERS = 32
+MAX_STARTERS = 46
 """Largest number of vehicles: a driver and the vehicles that may make it wait; see `StarterScratch.left_out`."""
 MAX_SETS = 256
 """Largest number of sets of starters that are kept apart; see `StarterScratch.left_out`."""
@@ -215,9 +216,9 @@ def _add_cumulative(
         row = free_row(v[i].speed, v[i].desired_speed)
         rows = (row, row, row)
     else:
-        first = _row_behind(v, i, leads[0], rounding)
-        second = _row_behind(v, i, leads[1], rounding) if leads[1] >= 0 else first
-        third = _row_behind(v, i, leads[2], rounding) if leads[2] >= 0 else first
+        first = _row_behind(v, i, leads[0], rounding, tables)
+        second = _row_behind(v, i, leads[1], rounding, tables) if leads[1] >= 0 else first
+        third = _row_behind(v, i, leads[2], rounding, tables) if leads[2] >= 0 else first
         rows = (first, second, third)
     a_total = 0.0
     b_total = 0.0
@@ -233,9 +234,10 @@ def _add_cumulative(
 
 
 @kernel
-def _row_behind(v: NDArray[np.void], i: int, lead: int, rounding: float) -> int:
+def _row_behind(v: NDArray[np.void], i: int, lead: int, rounding: float, tables: NddTables) -> int:
     """Look up the tables' row for slot i behind a lead."""
-    row: int = following_row(v[i].speed, v[i].desired_speed, gap(v, i, lead), v[lead].speed - v[i].speed, rounding)
+    speed = v[i].speed
+    row: int = following_row(tables, speed, v[i].desired_speed, gap(v, i, lead), v[lead].speed - speed, rounding)
     return row
 
 
@@ -258,7 +260,7 @@ def remember_action(
         road, tables: Constants.
     """
     v = w.vehicles
-    looked_away = away_chance(v[i].away, v[i].inattention, tables.memory)
+    looked_away = looks_away_chance(v, i, road, tables.memory)
     v[i].away = 0
     if action < FIRST_ACCELERATION:
         return word
@@ -282,7 +284,7 @@ def _words_of(w: World, i: int, a: int, rounding: float, road: RoadNumbers, tabl
     leads = _leads(w, i, road)
     for j in leads:
         if j >= 0:
-            row = _row_behind(w.vehicles, i, j, rounding)
+            row = _row_behind(w.vehicles, i, j, rounding, tables)
             low = max(low, _cut(tables, row, a - 1, limits))
             high = max(high, _cut(tables, row, a, limits))
     if leads[0] < 0:
@@ -377,7 +379,7 @@ def _start_chance(w: World, j: int, lane: int, av_lane: int, road: RoadNumbers, 
     v = w.vehicles
     if j == 0:
         return 1.0 if av_lane == lane else 0.0
-    looks = 1.0 - away_chance(v[j].away, v[j].inattention, tables.memory)
+    looks = 1.0 - looks_away_chance(v, j, road, tables.memory)
     if v[j].duration > 0.0:
         back = lane_of(v[j].y, road.lane_width) == lane
         return looks * return_chance(w, j, tables.overlook, road, tables) if back else 0.0
@@ -553,6 +555,8 @@ def action_probabilities(
         p: Where the probabilities go, float64 (33,).
     """
     v = w.vehicles
+    if road.stops:
+        sort_by_x(w)
     overlook = 0.0 if attentive else tables.overlook
     overlook_conflict = 0.0 if attentive else tables.overlook_conflict
     leads = _leads(w, i, road)
@@ -588,7 +592,7 @@ def action_probabilities(
     for a in range(N_ACTIONS - 1, FIRST_ACCELERATION, -1):
         p[a] = keep * (p[a] - p[a - 1])
     p[FIRST_ACCELERATION] = keep * p[FIRST_ACCELERATION]
-    away = 0.0 if attentive else away_chance(v[i].away, v[i].inattention, tables.memory)
+    away = 0.0 if attentive else looks_away_chance(v, i, road, tables.memory)
     if away > 0.0:
         for a in range(N_ACTIONS):
             p[a] *= 1.0 - away

@@ -22,11 +22,12 @@ from cornerforge.drivers.naturalistic import (
     sample_row,
 )
 from cornerforge.drivers.sight import FOLLOWED, HUMAN
-from cornerforge.ndd.memory import away_chance, away_draw, own_word, remembering_word, word_at
+from cornerforge.ndd.memory import away_draw, own_word, remembering_word, word_at
 from cornerforge.road.lanes import may_change, side_to_leave
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.actions import nearest_action
 from cornerforge.sim.av import lead_acceleration
+from cornerforge.sim.braking import looks_away_chance
 from cornerforge.sim.chances import remember_action, return_chance, side_chance
 from cornerforge.sim.controllers import IDM_BVS
 from cornerforge.sim.merging import heeds, wish_of
@@ -111,7 +112,7 @@ def _worst_follow(
             continue
         room = gap(v, i, j)
         rate = v[j].speed - v[i].speed
-        row = following_row(v[i].speed, v[i].desired_speed, room, rate, rounding)
+        row = following_row(tables, v[i].speed, v[i].desired_speed, room, rate, rounding)
         later = _draw_later(tables, row, follower_word, v[i].noise)
         if room < nearest_gap:
             nearest_gap = room
@@ -136,7 +137,7 @@ def _follow(
         return _draw_later(tables, free_row(speed, v[i].desired_speed), word, v[i].noise), np.inf, 0.0
     room = gap(v, i, lead)
     rate = v[lead].speed - speed
-    row = following_row(speed, v[i].desired_speed, room, rate, rounding)
+    row = following_row(tables, speed, v[i].desired_speed, room, rate, rounding)
     return _draw_later(tables, row, follower_word, v[i].noise), room, rate
 
 
@@ -182,9 +183,9 @@ def _decide_naturalistic(w: World, rank: int, road: RoadNumbers, tables: NddTabl
 
 
 @inlined_kernel
-def _looks_away(v: NDArray[np.void], i: int, words: NDArray[np.uint64], tables: NddTables) -> bool:
+def _looks_away(v: NDArray[np.void], i: int, words: NDArray[np.uint64], road: RoadNumbers, tables: NddTables) -> bool:
     """Draw whether slot i looks away in this second, and note it; then the quantile of its acceleration stays."""
-    away = away_draw(words[2, i], words[3, i]) < away_chance(v[i].away, v[i].inattention, tables.memory)
+    away = away_draw(words[2, i], words[3, i]) < looks_away_chance(v, i, road, tables.memory)
     v[i].away = 1 if away else 0
     if away:
         words[1, i] = word_at(v[i].quantile)
@@ -272,7 +273,7 @@ def _all_naturalistic(w: World, controlled_action: int, setting: Setting, s: Scr
                 action = controlled_action
                 away = away_draw(s.words[2, i], s.words[3, i])
                 s.words[1, i] = remember_action(w, i, action, s.words[1, i], uniform(s.words[3, i]), away, road, tables)
-            elif _looks_away(v, i, s.words, tables):
+            elif _looks_away(v, i, s.words, road, tables):
                 action = ACTION_HOLD
             else:
                 action = _decide_naturalistic(w, rank, road, tables, s)

@@ -23,7 +23,8 @@ from cornerforge.road.lanes import (
     way_left,
 )
 from cornerforge.road.straight import ahead_by, gap, lane_of
-from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane
+from cornerforge.sim.braking import STANDS_BEHIND, braking_behind, braking_within, safely_behind
+from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, rank_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -69,16 +70,10 @@ _SLOWER = 5.0
 """A vehicle that is slower by more than this is not let in, and no free way [m/s]."""
 _LEFT_AFTER = 0.7
 """Part of a lane change after which the body is out of the old lane."""
-_NO_ROOM, _STANDS = 1.0, 4.0
-"""With less room than this [m] a vehicle stands, or brakes with this [m/s2]."""
 _STOPS_WITH = 3.4
 """Drivers that must stop wait to brake as long as this is enough a second later [m/s2], and look for a gap."""
 _ANTICIPATES = 0.3
 """A driver brakes early for a vehicle that comes into its lane if it will need more than this [m/s2]."""
-_BRAKES, _SLOW = 1.5, 5.0
-"""A lead is thought to come to a stop if it brakes by more than this [m/s2], or is slower than this [m/s]."""
-_STANDS_BEHIND = 3.0
-"""Gap between standing vehicles [m]."""
 
 
 class Wish(NamedTuple):
@@ -179,8 +174,9 @@ def heeds(v: NDArray[np.void], i: int, j: int, seen: int, road: RoadNumbers) -> 
     """
     if not road.lanes.varied or v[i].duration == 0.0 or seen & (1 << v[i].target_lane) != 0:
         return True
-    time_left = _LEFT_AFTER * v[i].duration - v[i].clock
-    comes_near: bool = gap(v, i, j) < time_left * (v[i].speed - v[j].speed)
+    time_left = max(_LEFT_AFTER * v[i].duration - v[i].clock, 0.0)
+    closing = v[i].speed - v[j].speed + 0.5 * time_left * max(-v[j].acceleration, 0.0)
+    comes_near: bool = gap(v, i, j) - STANDS_BEHIND < time_left * max(closing, 0.0)
     return comes_near
 
 
@@ -204,43 +200,41 @@ def relaxed(w: World, i: int, command: float, sight: SightNumbers, road: RoadNum
 
 
 @inlined_kernel
-def _braking_within(speed: float, room: float) -> float:
-    """Compute the braking [m/s2] that stops a vehicle within a room [m]; 0 where it may wait for another second."""
-    if room < _NO_ROOM:
-        return _STANDS
-    squared = 0.5 * speed * speed
-    return squared / room if squared >= _STOPS_WITH * (room - speed) else 0.0
-
-
-@inlined_kernel
 def braking_for_end(v: NDArray[np.void], i: int, road: RoadNumbers) -> float:
     """Compute the braking that vehicle i needs now to stop where its lane ends [m/s2]; 0: none yet, or it goes on."""
-    return _braking_within(v[i].speed, room_to_stop(v, i, road)) if road.lanes.varied else 0.0
+    return braking_within(v[i].speed, room_to_stop(v, i, road), _STOPS_WITH) if road.lanes.varied else 0.0
 
 
 @kernel
 def suitable_accelerations(w: World, i: int, road: RoadNumbers) -> tuple[float, float]:
-    """Find the accelerations between which vehicle i drives on a road where lanes end [m/s2]; -inf, inf: any.
+    """Find the accelerations between which vehicle i drives where traffic stops [m/s2]; -inf, inf: any.
 
     It brakes to stop at the end of its lane and behind what stops, and for what comes into its lane. One that must
     leave its lane falls back behind the vehicle beside it in the next lane, or draws away from it. The calmer half make
-    room for those that must come over.
+    room for those that must come over. `order` is sorted.
     """
     v = w.vehicles
     least, most = -np.inf, np.inf
     side, _ = side_to_leave(v, i, road)
     if side != 0 and v[i].duration == 0.0 and has_lane(v[i].target_lane + side, v[i].x, road):
         least, most = come_beside(w, i, v[i].target_lane + side, road)
-    lets_in = side == 0 and v[i].duration == 0.0 and v[i].habit < _LETS_IN
+    lets_in = road.lanes.varied and side == 0 and v[i].duration == 0.0 and v[i].habit < _LETS_IN
     braking = braking_for_end(v, i, road)
-    for k in range(w.state[0].n_seen):
-        j = w.current[k]
-        ahead = ahead_by(v, i, j)
-        if j == i or not 0.0 < ahead < SIGHT:
+    unled, queued = v[i].lanes, 0.0
+    for rank in range(rank_of(w, i) + 1, w.state[0].n_vehicles):
+        j = w.order[rank]
+        if ahead_by(v, i, j) >= SIGHT:
+            break
+        if v[j].present == 0:
             continue
         if v[j].lanes & v[i].lanes != 0:
-            if v[j].acceleration < -_BRAKES or v[j].speed < _SLOW:
-                braking = max(braking, _braking_behind(v, i, j, road))
+            if heeds(v, i, j, v[j].lanes, road):
+                if v[j].lanes & unled != 0:
+                    most = min(most, safely_behind(v, i, j))
+                    unled &= ~v[j].lanes
+                braking = max(braking, braking_behind(v, i, j, queued))
+                if v[j].lanes & (1 << v[i].target_lane):
+                    queued += v[j].length + STANDS_BEHIND
             if v[j].duration > 0.0 and v[j].speed < v[i].speed and v[j].target_lane == v[i].target_lane:
                 braking = max(braking, _braking_for_entering(v, i, j, road))
         elif lets_in and gap(v, i, j) < _LET_IN_TIME * v[i].speed and _lets_in(v, i, j, road):
@@ -248,18 +242,6 @@ def suitable_accelerations(w: World, i: int, road: RoadNumbers) -> tuple[float, 
     if braking > 0.0:
         least, most = -np.inf, min(most, -braking)
     return least, most
-
-
-@kernel
-def _braking_behind(v: NDArray[np.void], i: int, j: int, road: RoadNumbers) -> float:
-    """Compute the braking with which vehicle i stops behind j if that goes on to brake [m/s2]; 0: none yet.
-
-    The tables of the naturalistic model know no speed below 20 m/s, and not how hard the lead brakes.
-    """
-    if not heeds(v, i, j, v[j].lanes, road):
-        return 0.0
-    way = v[j].speed * v[j].speed / (2.0 * max(-v[j].acceleration, _BRAKES))
-    return _braking_within(v[i].speed, max(gap(v, i, j) - _STANDS_BEHIND + way, 0.1))
 
 
 @kernel

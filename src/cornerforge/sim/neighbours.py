@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from cornerforge.drivers.sight import SightNumbers
     from cornerforge.sim.world import World
 
-__all__ = ["SIGHT", "nearest_bv", "neighbours_in_lane", "sort_by_x"]
+__all__ = ["SIGHT", "nearest_bv", "neighbours_in_lane", "rank_of", "sort_by_x"]
 
 SIGHT = 200.0
 """No driver sees a vehicle further ahead or behind than this [m, centre to centre]."""
@@ -103,3 +103,18 @@ def sort_by_x(w: World) -> None:
             order[place] = before
             place -= 1
         order[place] = i
+
+
+@inlined_kernel
+def rank_of(w: World, i: int) -> int:
+    """Find the place of slot i in `order`, which is sorted."""
+    v = w.vehicles
+    low, high = 0, w.state[0].n_vehicles - 1
+    while low < high:
+        middle = (low + high) // 2
+        j = w.order[middle]
+        if ahead_by(v, j, i) > 0.0 or (ahead_by(v, j, i) == 0.0 and j < i):
+            low = middle + 1
+        else:
+            high = middle
+    return low

@@ -1,6 +1,7 @@
-"""Accelerations that are possible for a vehicle: what its class can do, and what lets it stop where its lane ends.
+"""Accelerations that are possible for a vehicle: what its class can do, and what lets it stop where it must.
 
-Of classes see docs/adr/0028-trucks.md, of lanes docs/adr/0077-traffic-on-roads.md.
+Of classes see docs/adr/0028-trucks.md, of lanes docs/adr/0077-traffic-on-roads.md, of queues
+docs/adr/0078-traffic-that-stops.md.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ def possible_actions(w: World, i: int, road: RoadNumbers) -> tuple[int, int]:
     """Find the actions of the hardest braking and of the strongest acceleration that vehicle i can do.
 
     Of classes only trucks have limits. What the engine's power allows is rounded to the nearest step; from its top
-    speed on a truck does not accelerate. Where lanes end see `suitable_accelerations`.
+    speed on a truck does not accelerate. Where traffic stops see `suitable_accelerations`.
     """
     v = w.vehicles
     hardest, strongest = FIRST_ACCELERATION, N_ACTIONS - 1
@@ -38,7 +39,7 @@ def possible_actions(w: World, i: int, road: RoadNumbers) -> tuple[int, int]:
         hardest, strongest = _HARDEST, nearest_action(0.0)
         if v[i].speed < _TOP_SPEED:
             strongest = nearest_action(_POWER / max(v[i].speed, _LEAST_SPEED) - _RESISTANCE)
-    if road.lanes.varied:
+    if road.stops:
         least, most = suitable_accelerations(w, i, road)
         if least > _NONE:
             hardest = min(strongest, nearest_action(least))

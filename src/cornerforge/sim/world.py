@@ -170,9 +170,9 @@ SEEN = _record(
 """A vehicle at the last decision time, for `statistics.count_choices`."""
 
 
-def n_slots(odd: Odd | RoadNumbers) -> int:
-    """Compute the vehicle slots per world: the AV, and one vehicle every 40 m of traffic in each lane."""
-    return 1 + odd.n_lanes * int(np.ceil(odd.traffic_length / 40.0))
+def n_slots(road: Odd | RoadNumbers) -> int:
+    """Compute the vehicle slots per world: the AV, and one vehicle every `spacing` of traffic in each lane."""
+    return 1 + road.n_lanes * int(np.ceil(road.traffic_length / road.spacing))
 
 
 def allocate_worlds(n_worlds: int, slots: int) -> World:

@@ -1,8 +1,8 @@
 """Fitting the naturalistic model: counts of real decisions, shrunk towards the parametric prior with a stated strength.
 
 row = (counts + strength * prior) / (n + strength), the mean of a Dirichlet posterior. An acceleration is possible if it
-is in the prior's support or was observed. The grid starts at 20 m/s: slower decisions (most of NGSIM) enter the prior's
-law and the likelihoods, not the counts.
+is in the prior's support or was observed. The main grid starts at 20 m/s: slower decisions (most of NGSIM) enter the
+prior's law, the likelihoods, and the rows for traffic that stops, which are made in the same way.
 """
 
 from __future__ import annotations
@@ -34,8 +34,9 @@ from cornerforge.ext.calibrate.prior import (
 from cornerforge.ext.calibrate.readers import Reading, read_decisions, reading_names
 from cornerforge.ext.calibrate.scores import fitted_idms, grid_place, held_out_scores
 from cornerforge.ext.calibrate.traits import NoiseSpread, fit_noise_spread
+from cornerforge.ndd.grids import SLOW_GRID, SPEED_GRID, Grid
 from cornerforge.ndd.initial import InitialState
-from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
+from cornerforge.ndd.model import GAPS, RANGE_RATES, NddModel
 from cornerforge.results import as_json
 from cornerforge.results.naturalistic import BadRows, FitReport, FittedLaneChanges
 from cornerforge.types import ACCELERATIONS
@@ -53,7 +54,6 @@ _CALM = (0.2, 3.0)
 """Between these the factor of the noise at motorway speeds is sought."""
 _LEAST_SPREAD = 0.05
 """Least spread [m/s2], a quarter of the step between two accelerations: less looks the same as none."""
-_FOLLOWING_STATES = (SPEEDS.size, GAPS.size, RANGE_RATES.size)
 _ATTRIBUTION = {
     "ngsim": "NGSIM, US DOT FHWA",
     "tgsim": "TGSIM, US DOT FHWA",
@@ -232,7 +232,8 @@ def _assemble(
     Returns:
         The model, the decisions counted in each following state, (21, 116, 19), and those in free flow.
     """
-    following, free = _counts(training)
+    following, free = _counts(training, SPEED_GRID)
+    slow, _ = _counts(training, SLOW_GRID)
     counted = following.sum(axis=-1)
     model = NddModel(
         following=_rows(following_prior(safe), following, strength),
@@ -249,16 +250,17 @@ def _assemble(
         memory=MEMORY,
         initial=initial,
         provenance=provenance | {"counted": _sparse(counted), "counted_free": [int(n) for n in free.sum(axis=-1)]},
+        slow=_rows(following_prior(safe, SLOW_GRID.points()), slow, strength),
     )
     return model, counted, int(free.sum())
 
 
-def _counts(training: Decisions) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Count each acceleration in each state: following (21, 116, 19, 31) and free (21, 31)."""
-    speed, gap, range_rate, on_grid, is_free = grid_place(training)
+def _counts(training: Decisions, speeds: Grid) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Count each acceleration in each state: following (speeds, 116, 19, 31) and free (speeds, 31)."""
+    speed, gap, range_rate, on_grid, is_free = grid_place(training, speeds)
     chosen = bin_index(training.acceleration)
-    following = np.zeros((*_FOLLOWING_STATES, ACCELERATIONS.size), dtype=np.int64)
-    free = np.zeros((SPEEDS.size, ACCELERATIONS.size), dtype=np.int64)
+    following = np.zeros((speeds.bins, GAPS.size, RANGE_RATES.size, ACCELERATIONS.size), dtype=np.int64)
+    free = np.zeros((speeds.bins, ACCELERATIONS.size), dtype=np.int64)
     led, alone = on_grid & ~is_free, on_grid & is_free
     np.add.at(following, (speed[led], gap[led], range_rate[led], chosen[led]), 1)
     np.add.at(free, (speed[alone], chosen[alone]), 1)

@@ -156,9 +156,9 @@ def _table(mean: Floats, scale: Floats, degrees: float) -> Floats:
     return np.asarray(rows / rows.sum(axis=-1, keepdims=True))
 
 
-def following_prior(law: SafeLaw) -> Floats:
-    """P(acceleration | speed, gap, range rate) on the model's grid, shape (21, 116, 19, 31), rows sum to 1."""
-    state = np.meshgrid(SPEEDS, GAPS, RANGE_RATES, indexing="ij")
+def following_prior(law: SafeLaw, speeds: Floats = SPEEDS) -> Floats:
+    """P(acceleration | speed, gap, range rate) on the model's grid, shape (speeds, 116, 19, 31), rows sum to 1."""
+    state = np.meshgrid(speeds, GAPS, RANGE_RATES, indexing="ij")
     return _table(law.mean(*state), law.scale(*state), law.degrees)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cornerforge.ext.calibrate.decisions import Decisions
 from cornerforge.ext.calibrate.laws import FollowingLaw, IdmLaw, bin_index, bin_probabilities, fit_law, log_likelihood
-from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID
+from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID, Grid
 from cornerforge.ndd.memory import Memory, given_the_past, memory_numbers
 from cornerforge.ndd.model import RANGE_RATES, NddModel
 from cornerforge.types import ACCELERATIONS
@@ -60,17 +60,17 @@ def gap_seen(gap: Floats, range_rate: Floats) -> Floats:
     return np.where(gap > 4.0, 4.0 + (gap - 4.0) * (_FASTEST_CLOSING / closing) ** 2, gap)
 
 
-def grid_place(decisions: Decisions) -> tuple[Ints, Ints, Ints, Bools, Bools]:
+def grid_place(decisions: Decisions, speeds: Grid = SPEED_GRID) -> tuple[Ints, Ints, Ints, Bools, Bools]:
     """Nearest place on the model's grid of each decision.
 
     Returns:
-        Index of speed, gap and range rate (clipped to the grid), whether the speed lies on the grid (19.5 to 40.5 m/s),
+        Index of speed, gap and range rate (clipped to the grid), whether the speed lies on the grid of `speeds`,
         and whether it is free flow (no leader, or beyond 115.5 m); each of shape (n,).
     """
     gap = gap_seen(decisions.gap, decisions.range_rate)
     is_free = gap > GAP_GRID.upper
-    speed, gap_index = SPEED_GRID.place(decisions.speed), GAP_GRID.place(np.where(is_free, 0.0, gap))
-    on_grid = (decisions.speed >= SPEED_GRID.lower) & (decisions.speed < SPEED_GRID.upper)
+    speed, gap_index = speeds.place(decisions.speed), GAP_GRID.place(np.where(is_free, 0.0, gap))
+    on_grid = (decisions.speed >= speeds.lower) & (decisions.speed < speeds.upper)
     return speed, gap_index, RANGE_RATE_GRID.place(decisions.range_rate), on_grid, is_free
 
 

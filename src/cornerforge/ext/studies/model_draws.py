@@ -153,7 +153,11 @@ def _driven(
     tell: Callable[[int], None],
 ) -> Draw:  # fmt: skip
     model = drawn_model(run.model, seed, k)
-    changed = replace(run, model=model, setting=run.setting._replace(tables=tables_of(model)))
+    changed = replace(
+        run,
+        model=model,
+        setting=run.setting._replace(tables=tables_of(model, stops=run.setting.road.stops, traffic=run.odd.traffic)),
+    )
     own_seed = int(np.random.SeedSequence([seed, _USE, k]).generate_state(1, np.uint64)[0] >> np.uint64(1))
     begun = time.perf_counter()
     came_to = drive(changed, own_seed, tell)

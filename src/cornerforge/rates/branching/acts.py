@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.ndd.memory import away_chance
 from cornerforge.rates.branching.danger import (
     N_SEEN,
     REACH,
@@ -29,7 +28,7 @@ from cornerforge.rates.branching.danger import (
     look_at,
 )
 from cornerforge.road.straight import ahead_by, lane_of
-from cornerforge.sim import chances, neighbours, steering
+from cornerforge.sim import braking, chances, neighbours, steering
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -205,7 +204,7 @@ def look_around(w: World, setting: Setting, network: Network, s: Survey) -> tupl
         near = s.near[n]
         near.slot = i
         near.lane = v[i].target_lane
-        near.away = away_chance(v[i].away, v[i].inattention, setting.tables.memory)
+        near.away = braking.looks_away_chance(v, i, setting.road, setting.tables.memory)
         _note_words(w, i, setting, near)
         look_at(w.vehicles, i, intent_now(near), near.away, ahead, setting.road, s.seen[n])
         near.danger = danger(network, s.seen[n], s.layers)
