@@ -109,7 +109,7 @@ def read_road(name: str | Path) -> Road:
         return SHIPPED[str(name)]()
     if not Path(name).is_file():
         raise UnknownNameError("road", str(name), SHIPPED)
-    if str(name).endswith((".xodr", ".xml")):
+    if str(name).endswith((".xodr", ".xml", ".xml.gz")):
         raise FileFormatError(f"{name} is no road file yet; make one: cornerforge road import {name} --out ROAD.json")
     road = from_file(Road, Path(name), "cornerforge road import")
     try:

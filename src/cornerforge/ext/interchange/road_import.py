@@ -167,18 +167,14 @@ class _Taken:
     def _lanes(self) -> tuple[tuple[float, ...], tuple[OurLane, ...], float]:
         """Middles of the slots, the lanes in them, and the width of a slot in the simulator."""
         places = self._places()
-        seen_there = [self._seen(place) for place in places]
-        driven = {round(seen.middle, 3) for row in seen_there for seen in row if seen.kind != "closed"}
-        rows = [[seen for seen in row if round(seen.middle, 3) in driven] for row in seen_there]
-        if not any(rows):
-            side = "against" if self.against else "along"
-            raise self.fault(self.theirs.line, f"road {self.theirs.ident} has no lane that is driven {side} its line")
         border = {section.s - _JUST: section.s for section in self.theirs.sections}
         at = [border.get(place, place) for place in places]
         ours = [self.end - place if self.against else place - self.begin for place in at]
-        centres, lanes = slots_of(ours, rows)
-        width = float(np.mean(np.diff(centres))) if len(centres) > 1 else next(row for row in rows if row)[0].width
-        return centres, lanes, round(width, 4)
+        found = slots_of(ours, [self._seen(place) for place in places])
+        if not found[0]:
+            side = "against" if self.against else "along"
+            raise self.fault(self.theirs.line, f"road {self.theirs.ident} has no lane that is driven {side} its line")
+        return found
 
 
 def _may_cross(marks: list[tuple[float, str, str]], way: str) -> bool:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from cornerforge._options import verb
+from cornerforge.errors import InputError
 from cornerforge.experiment.output import check_new_file
 from cornerforge.experiment.roads import read_road, road_named, write_road_file
 from cornerforge.ext.interchange.options import RoadCheck, RoadImport, RoadShow
 from cornerforge.ext.interchange.road_import import road_of_opendrive
+from cornerforge.ext.interchange.sumo_import import road_of_sumo
 from cornerforge.results.roads import LaneTold, RoadTold
 from cornerforge.road.network import Road, faults_of
 
@@ -17,7 +19,7 @@ __all__ = ["is_faulty", "road_check", "road_import", "road_show", "road_text"]
 
 @verb(RoadImport)
 def road_import(options: RoadImport) -> RoadTold:
-    """Take a road of an OpenDRIVE file, and write it as a road file.
+    """Take a road of an OpenDRIVE file or a SUMO network, and write it as a road file.
 
     Returns:
         What `cornerforge road import --json` prints.
@@ -26,11 +28,16 @@ def road_import(options: RoadImport) -> RoadTold:
         DataError: The file holds what cannot be represented; the message names the line.
         CornerForgeError: It cannot be read, or the road not be written.
     """
-    out = Path(options.out)
+    file, out = Path(options.file), Path(options.out)
     check_new_file(out)
-    road = road_of_opendrive(
-        Path(options.file), ident=options.road, begin=options.begin, end=options.end, against=options.against
-    )
+    if not file.name.endswith((".xml", ".xml.gz")):
+        road = road_of_opendrive(
+            file, ident=options.road, begin=options.begin, end=options.end, against=options.against
+        )
+    elif options.against:
+        raise InputError("Edges of a SUMO network lead one way: leave out --against, and name others with --road.")
+    else:
+        road = road_of_sumo(file, edges=options.road, begin=options.begin, end=options.end)
     write_road_file(road, out)
     return _told(road, (), (str(out),))
 

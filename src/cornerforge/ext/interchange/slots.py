@@ -6,6 +6,8 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from cornerforge.errors import DataError
 from cornerforge.road.network import Lane, LaneKind, Marking
 
@@ -40,36 +42,47 @@ class Seen:
     right: bool
 
 
-def slots_of(places: Sequence[float], rows: Sequence[Sequence[Seen]]) -> tuple[tuple[float, ...], tuple[Lane, ...]]:
-    """Put lanes into slots: the middle of each slot, from the right edge, and the lanes by slot and begin.
+def slots_of(
+    places: Sequence[float], seen: Sequence[Sequence[Seen]]
+) -> tuple[tuple[float, ...], tuple[Lane, ...], float]:
+    """Put lanes into slots; a closed lane counts where an open one goes on in its place.
 
     Args:
         places: Along the travel, ascending [m].
-        rows: The lanes of full width at each place; at least one lane at one place.
+        seen: The lanes of full width at each place.
+
+    Returns:
+        The middle of each slot, from the right edge; the lanes by slot and begin; the width of a slot in the simulator
+        [m]. Nothing where no lane is driven.
 
     Raises:
         DataError: A lane shifts sideways by more than 0.3 m.
     """
-    slots = [(seen.middle, seen.width) for seen in max(rows, key=len)]
+    driven = {round(one.middle, 3) for row in seen for one in row if one.kind != "closed"}
+    if not driven:
+        return (), (), 0.0
+    rows = [[one for one in row if round(one.middle, 3) in driven] for row in seen]
+    slots = [(one.middle, one.width) for one in max(rows, key=len)]
     for row in rows:
-        for seen in row:
-            off, full = min((abs(seen.middle - middle), full) for middle, full in slots)
-            if off > 0.5 * seen.width:
-                slots.append((seen.middle, seen.width))
-            elif off > _SHIFT + 0.5 * abs(full - seen.width):  # where a lane becomes narrower its middle moves
-                raise DataError(f"{seen.place} shifts sideways by {off:.2f} m: not represented.")
+        for one in row:
+            off, full = min((abs(one.middle - middle), full) for middle, full in slots)
+            if off > 0.5 * one.width:
+                slots.append((one.middle, one.width))
+            elif off > _SHIFT + 0.5 * abs(full - one.width):  # where a lane becomes narrower its middle moves
+                raise DataError(f"{one.place} shifts sideways by {off:.2f} m: not represented.")
     centres = sorted(middle for middle, _ in slots)
     lanes: list[Lane] = []
     for slot, centre in enumerate(centres):
         run: list[tuple[float, Seen]] = []
         for place, row in zip([*places, places[-1]], [*rows, []], strict=True):
-            here = next((seen for seen in row if abs(seen.middle - centre) <= 0.5 * seen.width), None)
+            here = next((one for one in row if abs(one.middle - centre) <= 0.5 * one.width), None)
             if here is not None:
                 run.append((place, here))
             else:
                 lanes += _lanes_of(slot, run)
                 run = []
-    return tuple(centres), tuple(lanes)
+    width = float(np.mean(np.diff(centres))) if len(centres) > 1 else slots[0][1]
+    return tuple(centres), tuple(lanes), round(width, 4)
 
 
 def _lanes_of(slot: int, run: Sequence[tuple[float, Seen]]) -> list[Lane]:

@@ -6,7 +6,9 @@ because these declarations can expand without limit or read other files. Size, d
 
 from __future__ import annotations
 
+import gzip
 import math
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -131,7 +133,7 @@ class Element:
 
 
 def read_xml(path: Path, *, root: str, what: str) -> Element:
-    """Read an XML file.
+    """Read an XML file, packed if its name ends in .gz.
 
     Args:
         path: The file.
@@ -148,13 +150,16 @@ def read_xml(path: Path, *, root: str, what: str) -> Element:
         if not path.is_file():
             raise InputError(f"No file {path}.")
         size = path.stat().st_size
+        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
+            while size <= _MOST_BYTES and (piece := file.read(_PIECE)):
+                reader.take(piece)
+                size = max(size, file.tell())
         if size > _MOST_BYTES:
             raise FileFormatError(
                 f"{path.name} has {size / 2**20:.0f} MB; up to {_MOST_BYTES / 2**20:.0f} MB are read. Cut it in parts."
             )
-        with path.open("rb") as file:
-            while piece := file.read(_PIECE):
-                reader.take(piece)
+    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+        raise FileFormatError(f"{path.name} is no whole gzip file ({error}); fetch it again.") from error
     except OSError as error:
         raise InputError(f"Cannot read {path}: {reason(error)}.") from error
     except ValueError as error:  # a name with a NUL, for one
