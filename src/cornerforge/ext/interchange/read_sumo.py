@@ -11,25 +11,24 @@ from numpy.typing import NDArray
 
 from cornerforge.ext.interchange.xml_input import Element, read_xml
 
-__all__ = ["Connection", "Edge", "Lane", "Net", "read_sumo"]
+__all__ = ["BESIDE", "Connection", "Lane", "Name", "Net", "apart", "read_sumo"]
 
-_BESIDE = ("stop", "shoulder", "border", "restricted", "parking", "sidewalk", "biking", "median", "none")
+BESIDE = ("stop", "shoulder", "border", "restricted", "parking", "sidewalk", "biking", "median", "none")
 """Types of lanes that netconvert takes over from OpenDRIVE and lets cars into."""
 _WIDE = 3.2
 """Width of a lane that states none [m]."""
 _FARTHEST = 1e7
 """Largest coordinate [m]."""
 _CARS = "passenger"
+Name = tuple[str, int]
+"""Id of an edge, and index of a lane from the right."""
 
 
 @dataclass(frozen=True, eq=False)
 class Lane:
-    """A lane of an edge.
+    """A lane of an edge: where it stands, the points of its middle (P, 2) [m], width [m] and speed limit [m/s].
 
     Attributes:
-        element: Where it stands.
-        shape: Points of its middle, (P, 2) [m], no two in a row the same.
-        width, limit: [m], [m/s].
         cars: Cars may use it.
         merges: It is marked as an acceleration lane.
         left, right: Cars may leave it to that side, as far as its marks go.
@@ -45,25 +44,19 @@ class Lane:
     right: bool
 
 
-@dataclass(frozen=True, eq=False)
-class Edge:
-    """An edge: where it stands, its junctions, and its lanes that vehicles of the road use, by index from the right."""
-
-    element: Element
-    begin: str
-    end: str
-    lanes: dict[int, Lane]
-
-
 @dataclass(frozen=True)
 class Connection:
-    """A way from a lane of an edge to a lane of the next, with the points of the ways through the junction."""
+    """A way from a lane to one of the next edge, and its points in the junction (P, 2) [m]."""
 
     element: Element
-    begin: tuple[str, int]
-    end: tuple[str, int]
-    direction: str
+    begin: Name
+    end: Name
     way: NDArray[np.float64]
+
+    @property
+    def edges(self) -> tuple[str, str]:
+        """Ids of the edges that it connects."""
+        return self.begin[0], self.end[0]
 
 
 @dataclass
@@ -71,13 +64,15 @@ class Net:
     """A network.
 
     Attributes:
-        edges: That cars may use, by id.
-        connections: Between lanes that cars may use, turns back left out.
-        lights: Where the junctions with lights, crossings of people or rails stand, and what they have, by id.
+        edges: By id, those that cars may use; their attributes `from` and `to` are junctions.
+        lanes: Of these edges.
+        connections: Between them, but those that turn back.
+        lights: Where the lights, crossings of people and rails of junctions stand, and what they are, by junction.
         level: All its points have one height.
     """
 
-    edges: dict[str, Edge] = field(default_factory=dict)
+    edges: dict[str, Element] = field(default_factory=dict)
+    lanes: dict[Name, Lane] = field(default_factory=dict)
     connections: list[Connection] = field(default_factory=list)
     lights: dict[str, tuple[Element, str]] = field(default_factory=dict)
     level: bool = True
@@ -92,47 +87,48 @@ def read_sumo(path: Path) -> Net:
     """
     top = read_xml(path, root="net", what="a SUMO network")
     if top.string("lefthand", "false") in ("true", "1"):
-        top.fault("its traffic drives on the left; right-hand networks are read")
+        top.fault("its traffic drives on the left; networks with traffic on the right are read")
     net, inner = Net(), {}
-    for element in top.all("edge"):
-        name, function = element.string("id"), element.string("function", "normal")
+    for edge in top.all("edge"):
+        name, function = edge.string("id"), edge.string("function", "normal")
         if function == "crossing":
-            junction = name.removeprefix(":").rpartition("_c")[0]
-            net.lights.setdefault(junction, (element, "a crossing for people"))
+            net.lights[name.removeprefix(":").rpartition("_c")[0]] = edge, "a crossing for people"
         elif function == "internal":
-            inner.update({one.string("id"): one for one in element.all("lane")})
+            inner.update({one.string("id"): one for one in edge.all("lane")})
         elif function == "normal":
-            lanes = _lanes(element, net)
             if name in net.edges:
-                element.fault(f"edge {name} is there twice")
+                edge.fault(f"edge {name} is there twice")
+            lanes = _lanes(edge, net)
             if any(lane.cars for lane in lanes.values()):
-                net.edges[name] = Edge(element, element.string("from"), element.string("to"), lanes)
-    for element in top.all("junction"):
-        kind = element.string("type", "priority")
+                net.edges[name] = edge
+                net.lanes |= {(name, index): lane for index, lane in lanes.items()}
+    for junction in top.all("junction"):
+        kind = junction.string("type", "priority")
         if kind.startswith(("traffic_light", "rail")):
-            net.lights[element.string("id")] = element, "traffic lights" if kind[0] == "t" else "a rail crossing"
+            net.lights[junction.string("id")] = junction, "traffic lights" if kind[0] == "t" else "a rail crossing"
     _connect(top, net, inner)
     return net
 
 
+def apart(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Leave out points (P, 2) that lie on the one before."""
+    found: NDArray[np.float64] = points[np.append(True, np.hypot(*np.diff(points, axis=0).T) > 1e-3)]
+    return found
+
+
 def _lanes(edge: Element, net: Net) -> dict[int, Lane]:
-    """Read the lanes of an edge; those beside the road are left out."""
     found: dict[int, Lane] = {}
-    indices = set()
     for lane in edge.all("lane"):
         index = lane.integer("index", low=0, high=99)
-        if index in indices:
+        if index in found:
             lane.fault(f"edge {edge.string('id')} has two lanes of index {index}")
-        indices.add(index)
         lane.number("length", low=0.1, high=1e6, unit="m")
-        cars = _may(lane, "allow", "disallow") and lane.string("type", "") not in _BESIDE
         found[index] = Lane(
             lane, _shape(lane, net), lane.number("width", _WIDE, low=0.1, high=100.0, unit="m"),
-            lane.number("speed", low=0.1, high=100.0, unit="m/s"), cars,
+            lane.number("speed", low=0.1, high=100.0, unit="m/s"),
+            _may(lane, "allow", "disallow") and lane.string("type", "") not in BESIDE,
             lane.string("acceleration", "0") in ("1", "true"), _may(lane, "changeLeft"), _may(lane, "changeRight"),
         )  # fmt: skip
-    if not found:
-        edge.fault(f"edge {edge.string('id')} has no lane")
     return found
 
 
@@ -144,43 +140,41 @@ def _may(lane: Element, allow: str, disallow: str = "") -> bool:
 
 def _shape(lane: Element, net: Net, least: int = 2) -> NDArray[np.float64]:
     """Read the points of a lane, of which `least` must lie apart."""
-    points = []
+    points = np.empty((0, 2))
     for point in lane.string("shape").split():
         try:
-            numbers = np.array([float(number) for number in point.split(",")])
+            numbers = [float(number) for number in point.split(",")]
         except ValueError:
-            numbers = np.array([])
-        if len(numbers) not in (2, 3) or not (np.abs(numbers) <= _FARTHEST).all():
+            numbers = []
+        if len(numbers) not in (2, 3) or not all(abs(number) <= _FARTHEST for number in numbers):
             lane.fault(f'shape of lane {lane.string("id")[:40]} has the point "{point[:40]}"; x,y or x,y,z is needed')
         net.level &= len(numbers) == 2
-        points.append(numbers[:2])
-    apart = [k for k in range(len(points)) if k == 0 or np.hypot(*(points[k] - points[k - 1])) > 1e-3]
-    if len(apart) < least:
+        points = np.append(points, [numbers[:2]], axis=0)
+    if len(points) == 0 or len(points := apart(points)) < least:
         lane.fault(f"shape of lane {lane.string('id')[:40]} has fewer than {least} points that lie apart")
-    return np.array([points[k] for k in apart])
+    return points
 
 
 def _connect(top: Element, net: Net, inner: dict[str, Element]) -> None:
     """Read the connections, each with its way through the junction."""
-    after: dict[str, dict[tuple[str, int], str]] = defaultdict(dict)  # the next lane inside, by lane inside and end
+    after: dict[str, dict[Name, str]] = defaultdict(dict)
     outer = []
     for one in top.all("connection"):
         begin, end = ((one.string(name), one.integer(f"{name}Lane", low=0, high=99)) for name in ("from", "to"))
         if begin[0].startswith(":"):
             after[f"{begin[0]}_{begin[1]}"][end] = one.string("via", "")
-        elif one.string("dir", "s") != "t" and all(name in net.edges for name, _ in (begin, end)):
+        elif one.string("dir", "s") != "t" and begin[0] in net.edges and end[0] in net.edges:
             outer.append((one, begin, end))
     for one, begin, end in outer:
-        for name, index in (begin, end):
-            if index not in net.edges[name].lanes:
-                one.fault(f"it connects lane {index} of edge {name}, which has none")
-        shapes, via = [np.empty((0, 2))], one.string("via", "")
+        for name in (begin, end):
+            if name not in net.lanes:
+                one.fault(f"it connects lane {name[1]} of edge {name[0]}, which has none")
+        points, via = [np.empty((0, 2))], one.string("via", "")
         while via:
             if via not in inner:
                 one.fault(f"it goes via lane {via[:40]}, which is not there")
-            shapes.append(_shape(inner.pop(via), net, 1))
+            points.append(_shape(inner.pop(via), net, 1))
             via = after[via].get(end, "")
-        if all(net.edges[name].lanes[index].cars for name, index in (begin, end)):
-            net.connections.append(Connection(one, begin, end, one.string("dir", "s"), np.concatenate(shapes)))
+        net.connections.append(Connection(one, begin, end, np.concatenate(points)))
         if one.string("tl", ""):
-            net.lights.setdefault(net.edges[begin[0]].end, (one, "traffic lights"))
+            net.lights.setdefault(net.edges[begin[0]].string("to"), (one, "traffic lights"))

@@ -20,6 +20,7 @@ from cornerforge.ext.interchange.read_opendrive import DRIVEN, Lane, Section, re
 from cornerforge.ext.interchange.read_opendrive import Piece as TheirPiece
 from cornerforge.ext.interchange.read_opendrive import Road as TheirRoad
 from cornerforge.ext.interchange.slots import FULL, Seen, slots_of
+from cornerforge.ext.interchange.smooth_line import clothoids
 from cornerforge.road.network import Lane as OurLane
 from cornerforge.road.network import LaneKind, Road, faults_of
 from cornerforge.road.reference import Piece, ReferenceLine
@@ -202,7 +203,7 @@ def _shapes(piece: TheirPiece, length: float) -> list[Piece]:
 
 
 def _of_polynomial(piece: TheirPiece, length: float) -> list[Piece]:
-    """Turn a polynomial into short clothoids, each of which begins on it and has its curvature at both ends."""
+    """Turn a polynomial into short clothoids."""
     shape = piece.shape
     if shape.tag == "poly3":
         along: tuple[float, ...] = (0.0, 1.0, 0.0, 0.0)
@@ -214,15 +215,10 @@ def _of_polynomial(piece: TheirPiece, length: float) -> list[Piece]:
         whole = 1.0 if shape.string("pRange", "normalized") == "normalized" else piece.length
     n = max(1, math.ceil(length / _SHORT))
     p = whole * np.linspace(0.0, length / piece.length, n + 1)
-    u, v = (np.polyval(one[::-1], p) for one in (along, across))
-    first, second = zip(*((np.polyder(one[::-1]), np.polyder(one[::-1], 2)) for one in (along, across)), strict=True)
-    (du, dv), (ddu, ddv) = ([np.polyval(one, p) for one in part] for part in (first, second))
-    bend = (du * ddv - dv * ddu) / np.hypot(du, dv) ** 3
     cos, sin = math.cos(piece.heading), math.sin(piece.heading)
-    x, y = piece.x + u * cos - v * sin, piece.y + u * sin + v * cos
-    heading = piece.heading + np.arctan2(dv, du)
-    s = piece.s + length * np.arange(n) / n
-    step = length / n
-    return [
-        Piece(*map(float, (s[k], x[k], y[k], heading[k], bend[k], (bend[k + 1] - bend[k]) / step))) for k in range(n)
-    ]
+    place, first, second = (
+        np.array([[cos, -sin], [sin, cos]]) @ [np.polyval(np.polyder(one[::-1], order), p) for one in (along, across)]
+        for order in range(3)
+    )
+    s = piece.s + length / n * np.arange(n + 1)
+    return clothoids(s, place + np.array([[piece.x], [piece.y]]), first, second)

@@ -58,10 +58,13 @@ def slots_of(
     Raises:
         DataError: A lane shifts sideways by more than 0.3 m.
     """
-    driven = {round(one.middle, 3) for row in seen for one in row if one.kind != "closed"}
+    driven = {round(one.middle, 1) for row in seen for one in row if one.kind != "closed"}
     if not driven:
         return (), (), 0.0
-    rows = [[one for one in row if round(one.middle, 3) in driven] for row in seen]
+    rows = [
+        [one for one in row if one.kind != "closed" or min(abs(one.middle - middle) for middle in driven) <= _SHIFT]
+        for row in seen
+    ]
     slots = [(one.middle, one.width) for one in max(rows, key=len)]
     for row in rows:
         for one in row:

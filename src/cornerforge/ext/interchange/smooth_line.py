@@ -11,7 +11,7 @@ from scipy.interpolate import splev, splprep
 from cornerforge.errors import InputError
 from cornerforge.road.reference import Piece, ReferenceLine
 
-__all__ = ["smooth_line", "ways"]
+__all__ = ["clothoids", "smooth_line", "ways"]
 
 _OFFS = (0.007, 0.03, 0.1)
 """Root mean square by which the line may miss the drawn one [m], tried in this order."""
@@ -54,15 +54,32 @@ def smooth_line(points: NDArray[np.float64]) -> tuple[ReferenceLine, float]:
 
 
 def _line(spline: object, end: float) -> ReferenceLine:
-    """Turn a spline into clothoids, each of which begins on it and has its curvature at both ends."""
+    """Turn a spline into a reference line."""
     at = np.linspace(0.0, end, math.ceil(end / _PIECE) + 1)
-    (x, y), (dx, dy), (ddx, ddy) = (splev(at, spline, der=order) for order in range(3))
-    pace = np.hypot(dx, dy)
-    if not (pace > 0.0).all():
-        raise InputError("The line turns back on itself.")
-    heading, bend = np.unwrap(np.arctan2(dy, dx)), np.round((dx * ddy - dy * ddx) / pace**3, 8)
-    middle = np.hypot(*splev(0.5 * (at[1:] + at[:-1]), spline, der=1))
+    place, first, second = (np.array(splev(at, spline, der=order)) for order in range(3))
+    pace, middle = np.hypot(*first), np.hypot(*splev(0.5 * (at[1:] + at[:-1]), spline, der=1))
     length = (pace[1:] + pace[:-1] + 4.0 * middle) / 6.0 * np.diff(at)
     s = np.concatenate([[0.0], np.cumsum(length)])
-    rows = np.stack([s[:-1], x[:-1], y[:-1], heading[:-1], bend[:-1], np.diff(bend) / length], axis=1)
-    return ReferenceLine(tuple(Piece(*row) for row in rows.tolist()), float(s[-1]))
+    return ReferenceLine(tuple(clothoids(s, place, first, second)), float(s[-1]))
+
+
+def clothoids(
+    s: NDArray[np.float64], place: NDArray[np.float64], first: NDArray[np.float64], second: NDArray[np.float64]
+) -> list[Piece]:
+    """Turn a curve into clothoids, each of which begins on it and has its curvature at both ends.
+
+    Args:
+        s: Where they begin and the last one ends, (P,) [m].
+        place: x and y there, (2, P) [m].
+        first, second: Derivatives of `place` by whatever it is a function of, (2, P).
+
+    Raises:
+        InputError: The curve stands still.
+    """
+    pace = np.hypot(*first)
+    if not (pace > 0.0).all():
+        raise InputError("The line turns back.")
+    heading = np.unwrap(np.arctan2(first[1], first[0]))
+    bend = np.round((first[0] * second[1] - first[1] * second[0]) / pace**3, 8)
+    rows = np.stack([s, *place, heading, bend])[:, :-1]
+    return [Piece(*row) for row in np.vstack([rows, np.diff(bend) / np.diff(s)]).T.tolist()]
