@@ -19,6 +19,8 @@ _WIDE = 3.2
 """Width of a lane that states none [m]."""
 _FARTHEST = 1e7
 """Largest coordinate [m]."""
+_MOST_POINTS, _LONGEST = 10_000, 1e5
+"""Most points of a lane, and how far they go [m]."""
 _CARS = "passenger"
 Name = tuple[str, int]
 """Id of an edge, and index of a lane from the right."""
@@ -66,14 +68,14 @@ class Net:
     Attributes:
         edges: By id, those that cars may use; their attributes `from` and `to` are junctions.
         lanes: Of these edges.
-        connections: Between them, but those that turn back.
+        connections: Between them, but those that turn back, by junction.
         lights: Where the lights, crossings of people and rails of junctions stand, and what they are, by junction.
         level: All its points have one height.
     """
 
     edges: dict[str, Element] = field(default_factory=dict)
     lanes: dict[Name, Lane] = field(default_factory=dict)
-    connections: list[Connection] = field(default_factory=list)
+    connections: defaultdict[str, list[Connection]] = field(default_factory=lambda: defaultdict(list))
     lights: dict[str, tuple[Element, str]] = field(default_factory=dict)
     level: bool = True
 
@@ -140,7 +142,7 @@ def _may(lane: Element, allow: str, disallow: str = "") -> bool:
 
 def _shape(lane: Element, net: Net, least: int = 2) -> NDArray[np.float64]:
     """Read the points of a lane, of which `least` must lie apart."""
-    points = np.empty((0, 2))
+    found = []
     for point in lane.string("shape").split():
         try:
             numbers = [float(number) for number in point.split(",")]
@@ -149,9 +151,11 @@ def _shape(lane: Element, net: Net, least: int = 2) -> NDArray[np.float64]:
         if len(numbers) not in (2, 3) or not all(abs(number) <= _FARTHEST for number in numbers):
             lane.fault(f'shape of lane {lane.string("id")[:40]} has the point "{point[:40]}"; x,y or x,y,z is needed')
         net.level &= len(numbers) == 2
-        points = np.append(points, [numbers[:2]], axis=0)
-    if len(points) == 0 or len(points := apart(points)) < least:
-        lane.fault(f"shape of lane {lane.string('id')[:40]} has fewer than {least} points that lie apart")
+        found.append(numbers[:2])
+    points = apart(np.array(found)) if found else np.empty((0, 2))
+    if not least <= len(points) <= _MOST_POINTS or float(np.hypot(*np.diff(points, axis=0).T).sum()) > _LONGEST:
+        what = f"{least} to {_MOST_POINTS:,} points that lie apart, over {_LONGEST / 1000:.0f} km at most, are needed"
+        lane.fault(f"shape of lane {lane.string('id')[:40]} has {len(points)}; {what}")
     return points
 
 
@@ -175,6 +179,7 @@ def _connect(top: Element, net: Net, inner: dict[str, Element]) -> None:
                 one.fault(f"it goes via lane {via[:40]}, which is not there")
             points.append(_shape(inner.pop(via), net, 1))
             via = after[via].get(end, "")
-        net.connections.append(Connection(one, begin, end, np.concatenate(points)))
+        junction = net.edges[begin[0]].string("to")
+        net.connections[junction].append(Connection(one, begin, end, np.concatenate(points)))
         if one.string("tl", ""):
-            net.lights.setdefault(net.edges[begin[0]].string("to"), (one, "traffic lights"))
+            net.lights.setdefault(junction, (one, "traffic lights"))

@@ -11,11 +11,11 @@ import numpy as np
 from cornerforge.errors import DataError
 from cornerforge.road.network import Lane, LaneKind, Marking
 
-__all__ = ["FULL", "Seen", "slots_of"]
+__all__ = ["FULL", "SHIFT", "Seen", "slots_of"]
 
 FULL = 2.5
 """Width from which a lane can be driven [m]."""
-_SHIFT = 0.3
+SHIFT = 0.3
 """The middle of a lane may move sideways by so much [m]."""
 _SHORTEST = 20.0
 """A lane must have its full width for so far [m]."""
@@ -62,7 +62,7 @@ def slots_of(
     if not driven:
         return (), (), 0.0
     rows = [
-        [one for one in row if one.kind != "closed" or min(abs(one.middle - middle) for middle in driven) <= _SHIFT]
+        [one for one in row if one.kind != "closed" or min(abs(one.middle - middle) for middle in driven) <= SHIFT]
         for row in seen
     ]
     slots = [(one.middle, one.width) for one in max(rows, key=len)]
@@ -71,7 +71,7 @@ def slots_of(
             off, full = min((abs(one.middle - middle), full) for middle, full in slots)
             if off > 0.5 * one.width:
                 slots.append((one.middle, one.width))
-            elif off > _SHIFT + 0.5 * abs(full - one.width):  # where a lane becomes narrower its middle moves
+            elif off > SHIFT + 0.5 * abs(full - one.width):  # where a lane becomes narrower its middle moves
                 raise DataError(f"{one.place} shifts sideways by {off:.2f} m: not represented.")
     centres = sorted(middle for middle, _ in slots)
     lanes: list[Lane] = []

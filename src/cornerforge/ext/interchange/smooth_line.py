@@ -11,14 +11,14 @@ from scipy.interpolate import splev, splprep
 from cornerforge.errors import InputError
 from cornerforge.road.reference import Piece, ReferenceLine
 
-__all__ = ["clothoids", "smooth_line", "ways"]
+__all__ = ["clothoids", "dense", "smooth_line", "ways"]
 
 _OFFS = (0.007, 0.03, 0.1)
 """Root mean square by which the line may miss the drawn one [m], tried in this order."""
 _EASY = 150.0
 """A line whose tightest radius is more than this needs no further smoothing [m]."""
 _DENSE = 5.0
-"""Distance of the points of the drawn line that it is laid through [m]."""
+"""Distance of the points of a drawn line that are looked at [m]."""
 _PIECE = 4.0
 """Length of its clothoids [m]."""
 
@@ -26,6 +26,13 @@ _PIECE = 4.0
 def ways(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Compute the way along a drawn line to each of its points (P, 2) [m]."""
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+
+
+def dense(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Add points to a drawn line (P, 2) so that they are 5 m apart at most."""
+    along = ways(points)
+    at = np.unique(np.concatenate([along, np.linspace(0.0, along[-1], math.ceil(along[-1] / _DENSE) + 1)]))
+    return np.stack([np.interp(at, along, part) for part in points.T], axis=1)
 
 
 def smooth_line(points: NDArray[np.float64]) -> tuple[ReferenceLine, float]:
@@ -42,14 +49,13 @@ def smooth_line(points: NDArray[np.float64]) -> tuple[ReferenceLine, float]:
     Raises:
         InputError: The drawn line turns back on itself.
     """
+    points = dense(points)
     along = ways(points)
-    dense = np.unique(np.concatenate([along, np.linspace(0.0, along[-1], math.ceil(along[-1] / _DENSE) + 1)]))
-    x, y = (np.interp(dense, along, part) for part in points.T)
     for off in _OFFS:
-        line = _line(splprep([x, y], u=dense, s=len(dense) * off**2)[0], along[-1])
+        line = _line(splprep(list(points.T), u=along, s=len(along) * off**2)[0], along[-1])
         if line.tightest > _EASY:
             break
-    _, beside = line.project(x, y)
+    _, beside = line.project(*points.T)
     return line, float(np.abs(beside).max())
 
 

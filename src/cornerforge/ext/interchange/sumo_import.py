@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from cornerforge.errors import DataError, InputError
 from cornerforge.ext.interchange.read_sumo import BESIDE, Connection, Name, Net, apart, read_sumo
-from cornerforge.ext.interchange.slots import FULL, Seen, slots_of
-from cornerforge.ext.interchange.smooth_line import smooth_line, ways
+from cornerforge.ext.interchange.slots import FULL, SHIFT, Seen, slots_of
+from cornerforge.ext.interchange.smooth_line import dense, smooth_line, ways
 from cornerforge.road.network import LaneKind, Road, faults_of
 from cornerforge.road.reference import ReferenceLine
 
@@ -32,8 +32,8 @@ _WIDEST = 6.0
 _SHORTEST, _LONGEST = 100.0, 50_000.0
 """Lengths of a road [m]."""
 _SHOWN = 10
-_MISSED, _MOST_MISSED = 0.05, 0.3
-"""A line that misses the drawn one by more is told, or refused [m]."""
+_MISSED = 0.05
+"""A line that misses the drawn one by more is told [m]."""
 
 
 def road_of_sumo(path: Path, *, edges: str | None = None, begin: float = 0.0, end: float | None = None) -> Road:
@@ -66,13 +66,14 @@ def road_of_sumo(path: Path, *, edges: str | None = None, begin: float = 0.0, en
 
 def _longest(net: Net) -> list[str]:
     """Find the longest chain of edges each of which goes on straight into the next, through no lights or crossings."""
-    straight = Counter(one.edges for one in net.connections if one.element.string("dir", "s") == "s")
     goes_on: dict[str, str] = {}
-    for begin, end in straight:
-        rivals = [pair for pair in straight if begin == pair[0] or end == pair[1]]
-        most = [pair for pair in rivals if straight[pair] == max(straight[one] for one in rivals)]
-        if most == [(begin, end)] and _hindrance(net, begin, end) is None:
-            goes_on[begin] = end
+    for here in list(net.connections.values()):
+        straight = Counter(one.edges for one in here if one.element.string("dir", "s") == "s")
+        for begin, end in straight:
+            rivals = [pair for pair in straight if begin == pair[0] or end == pair[1]]
+            most = [pair for pair in rivals if straight[pair] == max(straight[one] for one in rivals)]
+            if most == [(begin, end)] and _hindrance(net, begin, end) is None:
+                goes_on[begin] = end
     chains: list[list[str]] = []
     for first in [*(net.edges.keys() - goes_on.values()), *net.edges]:  # those in rings have no first one
         chain = [first]
@@ -85,16 +86,15 @@ def _longest(net: Net) -> list[str]:
 
 def _hindrance(net: Net, name: str, after: str) -> str | None:
     """Say what keeps a road from going on from an edge to another one; None: nothing."""
-    if (name, after) not in {one.edges for one in net.connections}:
-        return f"{net.edges[after].place}: no lane leads from edge {name} to edge {after}."
     here, road = net.edges[name].string("to"), (net.edges[after].string("to"), net.edges[name].string("from"))
+    if (name, after) not in {one.edges for one in net.connections[here]}:
+        return f"{net.edges[after].place}: no lane leads from edge {name} to edge {after}."
     if here in net.lights:
         element, what = net.lights[here]
         return f"{element.place}: junction {here}, to which edge {name} leads, has {what}: not represented."
-    for one in net.connections:
-        begin, end = (net.edges[edge] for edge in one.edges)
-        passes = begin.string("to") == here and name != one.edges[0] and after != one.edges[1]
-        if passes and (begin.string("from"), end.string("to")) != road:
+    for one in net.connections[here]:
+        passes = net.edges[one.edges[0]].string("from"), net.edges[one.edges[1]].string("to")
+        if name != one.edges[0] and after != one.edges[1] and passes != road:
             what = f"at junction {here} edge {one.edges[0]} leads to edge {one.edges[1]}, beside or across the road"
             return f"{one.element.place}: {what}: not represented."
     return None
@@ -122,11 +122,12 @@ class _Chain:
             if name[0] in self.numbers and lane.element.string("type", "") not in BESIDE
         }  # fmt: skip
         pairs = list(itertools.pairwise(names))
-        self.comes = {one.end: one for one in net.connections if one.edges[1] in names[1:] and one.edges not in pairs}
-        self.goes = {one.begin: one for one in net.connections if one.edges[0] in names[:-1] and one.edges not in pairs}
+        inside = [one for name, _ in pairs for one in net.connections[net.edges[name].string("to")]]
+        self.comes = {one.end: one for one in inside if one.edges[1] in names[1:] and one.edges not in pairs}
+        self.goes = {one.begin: one for one in inside if one.edges[0] in names[:-1] and one.edges not in pairs}
         self.joins: dict[Name, Connection] = {}
         reached = set()
-        within = [one for one in net.connections if one.edges in pairs and {one.begin, one.end} <= self.lanes.keys()]
+        within = [one for one in inside if one.edges in pairs and {one.begin, one.end} <= self.lanes.keys()]
         for one in sorted(within, key=self._aside):
             if one.begin not in self.joins and one.end not in reached:  # of several ways the straightest
                 self.joins[one.begin] = one
@@ -169,7 +170,7 @@ class _Chain:
             line, missed = smooth_line(np.stack([np.interp(inside, along, part) for part in drawn.T], axis=1))
         except InputError as error:
             raise DataError(f"{place}: {error}") from error
-        if missed > _MOST_MISSED:
+        if missed > SHIFT:
             told = f"its points turn so sharply that a smooth line misses their way by {missed:.1f} m"
             raise DataError(f"{place}: {told}. --road, --from and --to choose a part.")
         stretches = [one for path in self.paths for one in self._stretches(path, line)]
@@ -196,9 +197,14 @@ class _Chain:
             lane, (edge, index) = self.lanes[name], name
             if lane.cars:
                 lane.element.number("width", lane.width, low=FULL, high=_WIDEST, unit="m")
-            s, d = line.project(*self._drawn(name).T)
-            if (np.diff(s) < -_JUST).any():
+            s, d = line.project(*dense(self._drawn(name)).T)
+            inside = (s >= 0.0) & (s <= line.length)
+            if (np.diff(s[inside]) < -_JUST).any():
                 lane.element.fault(f"lane {lane.element.string('id')} turns back")
+            if inside.any() and (aside := float(np.ptp(d[inside]))) > SHIFT:
+                lane.element.fault(
+                    f"lane {lane.element.string('id')} shifts sideways by {aside:.2f} m: not represented"
+                )
             begin = -math.inf if self.numbers[edge] == 0 else float(s[0])
             end = math.inf if self.numbers[edge] + 1 == len(self.numbers) else float(s[-1])
             beside = [(edge, side) in self.lanes and self.lanes[edge, side].cars for side in (index + 1, index - 1)]
