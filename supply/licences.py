@@ -212,6 +212,9 @@ wheel, `cornerforge/ext/explorer/static/LICENSES.txt`; the explorer shows them a
 | --- | --- | --- |
 {inside}
 
+The road `e6mini` is made of esmini's road of this name, which is under MPL-2.0, and so is
+`cornerforge/road/e6mini.json`; where it comes from and its licence stand in `e6mini.LICENSE.txt` beside it.
+
 Pages with charts that cornerforge writes hold plotly's script, whose licence (MIT) stands at its head.
 
 ## Tools of developers

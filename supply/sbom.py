@@ -88,6 +88,16 @@ def bill_of_materials(root: Path, when: int) -> dict[str, Any]:
         }
         for name, (version, licence) in sorted(bundled(root).items())
     ]
+    inside.append(
+        {
+            "type": "data",
+            "bom-ref": "pkg:github/esmini/esmini",
+            "name": "e6mini.xodr",
+            "description": "The road e6mini, which the wheel holds, is made of it.",
+            "licenses": [{"license": {"id": "MPL-2.0"}}],
+            "purl": "pkg:github/esmini/esmini",
+        }
+    )
     required: list[dict[str, Any]] = [
         {
             "type": "library",

@@ -69,9 +69,9 @@ class RoadOptions(_World):
     road: Annotated[
         str | None,
         meant(
-            "Road (`cornerforge road show` draws it): on-ramp, exit, weaving, lane-drop, work-zone, curves, or a FILE "
-            "of `road import`; straight by default.",
-            near=("on-ramp", "exit", "weaving", "lane-drop", "work-zone", "curves", "straight"),
+            "Road (`cornerforge road show` draws it): on-ramp, exit, weaving, lane-drop, work-zone, curves, e6mini, or "
+            "a FILE of `road import`; straight by default.",
+            near=("on-ramp", "exit", "weaving", "lane-drop", "work-zone", "curves", "e6mini", "straight"),
             metavar="NAME|FILE",
         ),
     ] = None

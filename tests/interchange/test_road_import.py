@@ -15,6 +15,7 @@ from cornerforge.errors import DataError, InputError
 from cornerforge.experiment.roads import road_named
 from cornerforge.ext.interchange.road_import import road_of_opendrive
 from cornerforge.road.network import Road
+from cornerforge.road.shipped import ROAD_FILES
 
 LANE = '<lane id="{0}" type="{1}"><width sOffset="0" a="{2}" b="{3}" c="0" d="0"/>{4}</lane>'
 GEOMETRY = (
@@ -22,6 +23,7 @@ GEOMETRY = (
     '<geometry s="300" x="{x1!r}" y="{y1!r}" hdg="0.5" length="200"><arc curvature="0.002"/></geometry>'
 )
 MARK = '<roadMark sOffset="0" type="{0}"/>'
+E6MINI = Path(__file__).parents[3] / "shared" / "data" / "osi" / "e6mini.xodr"
 AFTER = 10 + 300 * math.cos(0.5), 20 + 300 * math.sin(0.5)
 
 
@@ -111,6 +113,12 @@ def test_a_polynomial_that_is_a_circle_is_one(tmp_path: Path) -> None:
     np.testing.assert_allclose(bend, 1.0 / radius, rtol=0.01)
 
 
+def test_a_polynomial_that_stands_still_is_refused_with_its_line(tmp_path: Path) -> None:
+    shape = '<geometry s="0" x="0" y="0" hdg="0" length="500"><paramPoly3 pRange="normalized" cU="500"/></geometry>'
+    with pytest.raises(DataError, match=r"still\.xodr, line 2: road 7: The line turns back"):
+        road_of_opendrive(written(tmp_path / "still.xodr", section(0, lane(-1)), geometry=shape))
+
+
 REFUSED = {
     "reversed": (section(0, LANE.format(-1, 'driving" direction="reversed', 3.6, 0, "")), ""),
     "driven both ways": (section(0, lane(-1, "bidirectional")), ""),
@@ -151,6 +159,17 @@ def test_a_road_or_stretch_that_the_file_lacks(merging: Path) -> None:
         road_of_opendrive(merging, ident="8")
     with pytest.raises(InputError, match="s from 0 to 500 m"):
         road_of_opendrive(merging, begin=400.0, end=600.0)
+
+
+@pytest.mark.skipif(not E6MINI.exists(), reason="the folder shared/data/osi is not beside the repository")
+def test_the_real_road_that_is_shipped_is_what_import_makes_of_its_source() -> None:
+    assert road_of_opendrive(E6MINI) == road_named("e6mini")
+
+
+def test_the_licence_of_the_real_road_lies_beside_it() -> None:
+    text = ROAD_FILES["e6mini"].with_suffix(".LICENSE.txt").read_text(encoding="utf-8")
+    assert "cornerforge road import e6mini.xodr" in text
+    assert "Mozilla Public License Version 2.0" in text
 
 
 def test_the_commands(merging: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

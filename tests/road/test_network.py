@@ -11,10 +11,10 @@ import pytest
 from cornerforge.errors import FileFormatError, InputError, UnknownNameError
 from cornerforge.experiment.roads import road_named, write_road_file
 from cornerforge.road.network import Lane, Marking, Road, faults_of
-from cornerforge.road.shipped import SHIPPED
+from cornerforge.road.shipped import ROAD_FILES, SHIPPED
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("name", [*SHIPPED, *ROAD_FILES])
 def test_shipped_roads_can_be_driven_and_come_back_from_a_file(name: str, tmp_path: Path) -> None:
     road = road_named(name)
     assert faults_of(road) == []

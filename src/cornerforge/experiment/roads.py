@@ -10,7 +10,7 @@ from cornerforge.errors import FileFormatError, InputError, UnknownNameError
 from cornerforge.results.stating import as_json, from_file
 from cornerforge.road.lanes import av_lanes_at, lane_table
 from cornerforge.road.network import Lane, Road, faults_of
-from cornerforge.road.shipped import SHIPPED
+from cornerforge.road.shipped import ROAD_FILES, SHIPPED
 from cornerforge.types import Odd
 from cornerforge.work.files import write_json
 
@@ -107,11 +107,12 @@ def read_road(name: str | Path) -> Road:
     """
     if str(name) in SHIPPED:
         return SHIPPED[str(name)]()
-    if not Path(name).is_file():
-        raise UnknownNameError("road", str(name), SHIPPED)
+    file = ROAD_FILES.get(str(name), Path(name))
+    if not file.is_file():
+        raise UnknownNameError("road", str(name), [*SHIPPED, *ROAD_FILES])
     if str(name).endswith((".xodr", ".xml", ".xml.gz")):
         raise FileFormatError(f"{name} is no road file yet; make one: cornerforge road import {name} --out ROAD.json")
-    road = from_file(Road, Path(name), "cornerforge road import")
+    road = from_file(Road, file, "cornerforge road import")
     try:
         road.line  # noqa: B018
     except InputError as error:

@@ -7,11 +7,12 @@ of curves lie above its least one for 130 km/h (900 m) and for 100 km/h (470 m).
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 from cornerforge.road.network import Lane, Marking, Road
 from cornerforge.road.reference import ReferenceLine
 
-__all__ = ["SHIPPED"]
+__all__ = ["ROAD_FILES", "SHIPPED"]
 
 _WIDTH = 3.66
 _LIMIT = 33.3
@@ -79,3 +80,6 @@ SHIPPED: dict[str, Callable[[], Road]] = {
     "work-zone": _work_zone,
 }
 """Roads by name: 2 km in the direction of travel, lanes 3.66 m wide. Ramps run beside the road, behind a solid line."""
+
+ROAD_FILES = {"e6mini": Path(__file__).with_name("e6mini.json")}
+"""Files of roads as they were built, by name, made by `road import`; `.LICENSE.txt` beside has source and licence."""

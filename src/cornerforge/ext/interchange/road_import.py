@@ -104,9 +104,9 @@ class _Taken:
     def _pieces(self) -> tuple[Piece, ...]:
         whole: list[Piece] = []
         theirs = self.theirs.pieces
-        for piece, after in zip(theirs, [*(one.s for one in theirs[1:]), self.theirs.length], strict=True):
-            whole += _shapes(piece, after - piece.s)
         try:
+            for piece, after in zip(theirs, [*(one.s for one in theirs[1:]), self.theirs.length], strict=True):
+                whole += _shapes(piece, after - piece.s)
             line = ReferenceLine(tuple(whole), self.theirs.length)
         except InputError as error:
             raise self.fault(self.theirs.line, f"road {self.theirs.ident}: {str(error).rstrip('.')}") from error
@@ -220,5 +220,5 @@ def _of_polynomial(piece: TheirPiece, length: float) -> list[Piece]:
         np.array([[cos, -sin], [sin, cos]]) @ [np.polyval(np.polyder(one[::-1], order), p) for one in (along, across)]
         for order in range(3)
     )
-    s = piece.s + length / n * np.arange(n + 1)
+    s = np.linspace(piece.s, piece.s + length, n + 1)
     return clothoids(s, place + np.array([[piece.x], [piece.y]]), first, second)
