@@ -14,7 +14,8 @@ from statistical_bounds import l1_bound, l1_distance
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.experiment.roads import odd_on, road_named
 from cornerforge.ndd.model import NddModel
-from cornerforge.road.lanes import lanes_of, must_leave_by, side_to_leave
+from cornerforge.road.lanes import PACE_STEP, lanes_of, must_leave_by, side_to_leave
+from cornerforge.road.reference import ReferenceLine
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim.keep import keep_nothing, keep_whole_test
 from cornerforge.sim.loop import NEVER, advance
@@ -139,3 +140,33 @@ def test_urgency_grows_to_the_end_of_a_lane() -> None:
         side, found = side_to_leave(v, 0, road)
         assert found == pytest.approx(urgency)
         assert side == (1 if urgency else 0)
+
+
+def test_drivers_slow_down_for_limits_and_curves(model: NddModel) -> None:
+    odd = odd_of("work-zone")
+    lanes = road_numbers(odd).lanes
+    s = np.arange(lanes.pace.shape[1]) * PACE_STEP
+    inside = (s >= 700.0) & (s < 1200.0)
+    np.testing.assert_allclose(lanes.pace[1, inside], 22.2 / 33.3)
+    speeds = 30.0 * lanes.pace[1]
+    assert (np.diff(speeds**2) >= -2.0 * 1.0 * PACE_STEP - 1e-9).all()  # 1 m/s2 is enough
+    assert speeds[0] == 30.0
+    curves = road_named("curves")
+    tight = replace(curves, pieces=ReferenceLine.of_curvature([(2000.0, 0.003, 0.003)]).pieces)
+    assert 30.0 * road_numbers(odd_on(Odd(), tight)).lanes.pace.min() == pytest.approx(np.sqrt(2.5 / 0.003))
+    assert road_numbers(odd_of("on-ramp")).lanes.pace.size == road_numbers(odd_of("curves")).lanes.pace.size == 0
+
+    setting, slots = setting_of(model, odd), n_slots(odd)
+    world, scratch, keep = a_world(odd), allocate_scratch(slots, NO_POLICY), keep_whole_test(setting, slots)
+    before: list[float] = []
+    within: list[float] = []
+    for test in range(30):
+        forget_frames(keep.recording, keep.recording.shape[0], slots)
+        reset_world(world, 4, test, setting)
+        advance(world, setting, scratch, keep, NEVER)
+        seen = keep.recording[: int(world.state["frame"][0]) : 10]
+        s, there = seen["x"] + odd.road_at, seen["present"].astype(bool)
+        before += seen["speed"][there & (s < 400.0)].tolist()
+        within += seen["speed"][there & (s > 900.0) & (s < 1200.0)].tolist()
+    assert np.median(before) > 27.0
+    assert 18.0 < np.median(within) < 23.0

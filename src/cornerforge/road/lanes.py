@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = [
     "EXITS",
     "NO_PLACE",
+    "PACE_STEP",
     "ROOM_TO_START",
     "URGENT_TIME",
     "LaneTable",
@@ -36,6 +37,7 @@ __all__ = [
     "may_change",
     "must_leave_by",
     "on_a_ramp",
+    "pace_at",
     "room_to_stop",
     "side_to_leave",
     "side_to_leave_lane",
@@ -57,6 +59,8 @@ _SLOW = 8.0
 """Below this speed a lane change takes longer [m/s]."""
 _HURRY = 0.55
 """At full urgency a lane change takes so much less of its time."""
+PACE_STEP = 25.0
+_USUAL, _TO_THE_SIDE, _EASES = 30.0, 2.5, 1.0
 _STRETCHES = MOST_LANES
 _BEGIN, _END, _LEAVE_BY, _RAMP = range(4)
 _NOWHERE = -math.inf
@@ -69,14 +73,21 @@ class LaneTable(NamedTuple):
         stretches: By slot and stretch: begin, end, where a vehicle that drives through must have left it (inf:
             nowhere) [m], and 1 for a ramp; one that is not there ends before it begins, (n_lanes, MOST_LANES, 4).
         varied: Some lane begins, ends or may not be left.
+        go_on: Lanes that go on from end to end of the road, a bit mask.
         exit_slot: Slot of the lane that leads to the exit, -1: there is no exit.
         exit_by: Where a vehicle that takes the exit must be in that slot [m].
+        pace: By slot and every `PACE_STEP` from `pace_from` on: share of its own speed that a driver wants there, at
+            most 1, (n_lanes, k); k is 0 where that is 1 on the whole road.
+        pace_from: [m].
     """
 
     stretches: NDArray[np.float64]
     varied: bool
+    go_on: int
     exit_slot: int
     exit_by: float
+    pace: NDArray[np.float64]
+    pace_from: float
 
 
 def lanes_of(odd: Odd) -> tuple[Lane, ...]:
@@ -118,7 +129,7 @@ def lane_table(odd: Odd) -> LaneTable:
     table[:, :, _BEGIN], table[:, :, _END], table[:, :, _LEAVE_BY] = math.inf, -math.inf, math.inf
     if road is None:
         table[:, 0, _BEGIN], table[:, 0, _END] = -math.inf, math.inf
-        return LaneTable(table, False, -1, math.inf)
+        return LaneTable(table, False, (1 << odd.n_lanes) - 1, -1, math.inf, np.ones((odd.n_lanes, 0)), 0.0)
     exit_slot, exit_by = -1, math.inf
     for slot in range(odd.n_lanes):
         rows: list[list[float]] = []
@@ -133,8 +144,29 @@ def lane_table(odd: Odd) -> LaneTable:
             else:
                 rows.append([shown.begin, shown.end, by, is_ramp])
         table[slot, : len(rows)] = rows
-    varied = bool((table[:, 0, _BEGIN] > -math.inf).any() or (table[:, 0, _END] < math.inf).any())
-    return LaneTable(table, varied, exit_slot, exit_by)
+    whole = (table[:, 0, _BEGIN] == -math.inf) & (table[:, 0, _END] == math.inf)
+    go_on = sum(1 << int(slot) for slot in np.flatnonzero(whole & np.isinf(table[:, 0, _LEAVE_BY])))
+    return LaneTable(table, not whole.all(), go_on, exit_slot, exit_by, _paces(road), -odd.road_at)
+
+
+def _paces(road: Road) -> NDArray[np.float64]:
+    """Compute `LaneTable.pace`: less where a lane's limit is below the road's highest, or a curve is tight.
+
+    Drivers drive as fast relative to the limit as elsewhere, and with 2.5 m/s2 to the side at most at 30 m/s; 1 m/s2
+    slows them down before.
+    """
+    s = np.arange(0.0, road.length, PACE_STEP)
+    highest = max((lane.limit for lane in road.lanes if lane.limit is not None), default=math.inf)
+    found = np.ones((road.slots, s.size))
+    for lane in road.lanes:
+        if lane.limit is not None:
+            found[lane.slot, (s >= lane.begin) & (s < lane.end)] = lane.limit / highest
+    bends = np.abs(road.line.at(s).curvature)
+    found = np.minimum(found, np.sqrt(_TO_THE_SIDE / np.maximum(bends, 1e-9)) / _USUAL)
+    for k in range(s.size - 2, -1, -1):
+        eased = np.sqrt(found[:, k + 1] ** 2 + 2.0 * _EASES * PACE_STEP / _USUAL**2)
+        found[:, k] = np.minimum(found[:, k], eased)
+    return found if (found < 1.0).any() else found[:, :0]
 
 
 def av_lanes_at(odd: Odd, x: float) -> tuple[int, ...]:
@@ -150,6 +182,17 @@ def _stretch(lane: int, x: float, road: RoadNumbers) -> int:
         if road.lanes.stretches[lane, k, _BEGIN] <= x < road.lanes.stretches[lane, k, _END]:
             return k
     return -1
+
+
+@inlined_kernel
+def pace_at(v: NDArray[np.void], i: int, road: RoadNumbers) -> float:
+    """Find the share of its own speed that vehicle i wants where it is, for limits and curves."""
+    steps = road.lanes.pace.shape[1]
+    if steps == 0:
+        return 1.0
+    k = math.floor((v[i].x - road.lanes.pace_from) / PACE_STEP)
+    pace: float = road.lanes.pace[v[i].target_lane, k] if 0 <= k < steps else 1.0
+    return pace
 
 
 @inlined_kernel
@@ -228,7 +271,7 @@ def side_to_leave(v: NDArray[np.void], i: int, road: RoadNumbers) -> tuple[int, 
     Returns:
         1 left, -1 right, 0: it need not change; urgency from 0 to 1.
     """
-    if not road.lanes.varied:
+    if not road.lanes.varied or (not takes_exit(v, i) and (road.lanes.go_on >> v[i].target_lane) & 1):
         return 0, 0.0
     return side_to_leave_lane(v, i, v[i].target_lane, road)
 

@@ -9,7 +9,7 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import path_at, plan_path
 from cornerforge.road.lanes import hurry, may_change, side_to_leave
 from cornerforge.road.straight import begin_along, lane_centre
-from cornerforge.sim.braking import acceleration_of
+from cornerforge.sim.braking import acceleration_of, last_to_stop
 from cornerforge.sim.merging import suitable_accelerations
 from cornerforge.sim.motion import path_of
 from cornerforge.types import (
@@ -137,5 +137,5 @@ def apply_action(w: World, i: int, action: int, accelerations: NDArray[np.float6
         start_lane_change(w, i, target, road)
     command = 0.0
     if road.stops:
-        command = max(LOWEST_COMMAND, min(0.0, suitable_accelerations(w, i, road)[1]))
+        command = max(LOWEST_COMMAND, min(0.0, suitable_accelerations(w, i, last_to_stop(w, road), road)[1]))
     hold(v, i, command, road)

@@ -9,7 +9,7 @@ import numpy as np
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.drivers.idm import free_acceleration, idm_acceleration
 from cornerforge.drivers.mobil import mobil_gain
-from cornerforge.road.lanes import has_lane, may_change, side_to_leave
+from cornerforge.road.lanes import has_lane, may_change, pace_at, side_to_leave
 from cornerforge.road.straight import ahead_by, gap, half_lengths, lane_of
 from cornerforge.sim.merging import accepts, braking_for_end, come_beside, relaxed, wish_of
 from cornerforge.sim.neighbours import neighbours_in_lane
@@ -42,26 +42,31 @@ def may_try(v: NDArray[np.void], side: int, road: RoadNumbers) -> bool:
 
 
 @kernel
-def merge(w: World, command: float, lane: int, sight: SightNumbers, road: RoadNumbers) -> tuple[float, int]:
-    """Let a built-in AV do on a road where lanes end what its law knows nothing of.
+def merge(w: World, command: float, lane: int, av: AvNumbers, road: RoadNumbers) -> tuple[float, int]:
+    """Let a built-in AV do on a road of which its law knows nothing: where lanes end, and limits change.
 
-    It follows more softly, adapts to the lane that it must change to and changes if it accepts both gaps, brakes to
-    stop where its lane ends, and leaves to its law what is not urgent.
+    It slows down for limits and curves as others do, follows more softly, adapts to the lane that it must change to and
+    changes if it accepts both gaps, brakes to stop where its lane ends, and leaves to its law what is not urgent.
 
     Args:
         w: The world.
         command, lane: Acceleration [m/s2] and target lane by its law.
-        sight: How it sees other vehicles.
+        av: The AV.
         road: Constants.
     """
     v = w.vehicles
+    pace = pace_at(v, 0, road)
+    if pace < 1.0:
+        command = min(command, free_acceleration(v[0].speed / pace, av.idm))
+    if not road.lanes.varied:
+        return command, lane
     wish = wish_of(v, 0, 0.0, road)
-    command = relaxed(w, 0, command, sight, road)
+    command = relaxed(w, 0, command, av.sight, road)
     if v[0].duration == 0.0 and wish.urgency > 0.0:
         lane = v[0].target_lane
         beside = lane + (1 if side_to_leave(v, 0, road)[0] > 0 else -1)
         wants = wish.left + wish.right > 0.0 and may_change(v, 0, beside, road)
-        if wants and accepts(w, 0, beside, wish.urgency, sight, road):
+        if wants and accepts(w, 0, beside, wish.urgency, av.sight, road):
             lane = beside
         elif has_lane(beside, v[0].x, road):
             least, most = come_beside(w, 0, beside, road)

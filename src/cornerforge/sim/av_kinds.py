@@ -266,4 +266,5 @@ def built_in_av_decides(w: World, substep: int, road: RoadNumbers, av: AvNumbers
         s: Scratch.
     """
     command, lane = av_decide(w, road, av) if av.kind == _PLAIN else _decides_otherwise(w, substep, road, av, s)
-    return merge(w, command, lane, av.sight, road) if road.lanes.varied else (command, lane)
+    adapts = road.lanes.varied or road.lanes.pace.shape[1] > 0
+    return merge(w, command, lane, av, road) if adapts else (command, lane)

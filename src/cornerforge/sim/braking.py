@@ -28,6 +28,7 @@ __all__ = [
     "acceleration_of",
     "braking_behind",
     "braking_within",
+    "last_to_stop",
     "looks_away_chance",
     "safely_behind",
 ]
@@ -98,13 +99,33 @@ def braking_within(speed: float, room: float, stops_with: float) -> float:
 
 
 @inlined_kernel
+def comes_to_stop(v: NDArray[np.void], j: int) -> bool:
+    """Is vehicle j thought to come to a stop?"""
+    stops: bool = v[j].acceleration < -_BRAKES or v[j].speed < _SLOW
+    return stops
+
+
+@inlined_kernel
+def last_to_stop(w: World, road: RoadNumbers) -> int:
+    """Find the rank of the foremost vehicle that comes to a stop, where traffic stops; -1: none does.
+
+    None ahead of it makes others brake. `order` is sorted.
+    """
+    for rank in range(w.state[0].n_vehicles - 1 if road.stops else -1, -1, -1):
+        j = w.order[rank]
+        if w.vehicles[j].present and comes_to_stop(w.vehicles, j):
+            return rank
+    return -1
+
+
+@inlined_kernel
 def braking_behind(v: NDArray[np.void], i: int, j: int, queued: float) -> float:
     """Compute the braking with which vehicle i stops behind j if that goes on to brake [m/s2]; 0: none yet.
 
     `queued`: room that the vehicles between them take when they stand [m]. The tables of the naturalistic model say
     nothing of how hard the lead brakes, and see no further than the lead.
     """
-    if v[j].acceleration >= -_BRAKES and v[j].speed >= _SLOW:
+    if not comes_to_stop(v, j):
         return 0.0
     way = v[j].speed * v[j].speed / (2.0 * max(-v[j].acceleration, _BRAKES))
     return braking_within(v[i].speed, max(gap(v, i, j) - STANDS_BEHIND - queued + way, 0.1), _STOPS_WITH)

@@ -23,7 +23,7 @@ from cornerforge.drivers.naturalistic import (
 )
 from cornerforge.drivers.sight import FOLLOWED, HUMAN
 from cornerforge.ndd.memory import own_rank, remembered_share, word_at
-from cornerforge.road.lanes import may_change, side_to_leave_lane, way_left
+from cornerforge.road.lanes import may_change, pace_at, side_to_leave_lane, way_left
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.braking import looks_away_chance
 from cornerforge.sim.merging import LOOKS_AGAIN, Wish, heeds, pressed_chance, wish_of
@@ -203,7 +203,7 @@ def _rounding_limit(v: NDArray[np.void], i: int, lead: int, above: float) -> flo
 
 @inlined_kernel
 def _add_cumulative(
-    v: NDArray[np.void], i: int, leads: tuple[int, int, int], rounding: float, weight: float,
+    v: NDArray[np.void], i: int, leads: tuple[int, int, int], rounding: float, weight: float, road: RoadNumbers,
     tables: NddTables, p: NDArray[np.float64],
 ) -> None:  # fmt: skip
     """Add `weight` times the distribution function of slot i's acceleration, for a given rounding, to `p`.
@@ -213,12 +213,12 @@ def _add_cumulative(
     """
     rows = (-1, -1, -1)
     if leads[0] < 0:
-        row = free_row(v[i].speed, v[i].desired_speed)
+        row = free_row(v[i].speed, v[i].desired_speed * pace_at(v, i, road))
         rows = (row, row, row)
     else:
-        first = _row_behind(v, i, leads[0], rounding, tables)
-        second = _row_behind(v, i, leads[1], rounding, tables) if leads[1] >= 0 else first
-        third = _row_behind(v, i, leads[2], rounding, tables) if leads[2] >= 0 else first
+        first = _row_behind(v, i, leads[0], rounding, road, tables)
+        second = _row_behind(v, i, leads[1], rounding, road, tables) if leads[1] >= 0 else first
+        third = _row_behind(v, i, leads[2], rounding, road, tables) if leads[2] >= 0 else first
         rows = (first, second, third)
     a_total = 0.0
     b_total = 0.0
@@ -234,10 +234,11 @@ def _add_cumulative(
 
 
 @kernel
-def _row_behind(v: NDArray[np.void], i: int, lead: int, rounding: float, tables: NddTables) -> int:
+def _row_behind(v: NDArray[np.void], i: int, lead: int, rounding: float, road: RoadNumbers, tables: NddTables) -> int:
     """Look up the tables' row for slot i behind a lead."""
     speed = v[i].speed
-    row: int = following_row(tables, speed, v[i].desired_speed, gap(v, i, lead), v[lead].speed - speed, rounding)
+    wanted = v[i].desired_speed * pace_at(v, i, road)
+    row: int = following_row(tables, speed, wanted, gap(v, i, lead), v[lead].speed - speed, rounding)
     return row
 
 
@@ -284,11 +285,11 @@ def _words_of(w: World, i: int, a: int, rounding: float, road: RoadNumbers, tabl
     leads = _leads(w, i, road)
     for j in leads:
         if j >= 0:
-            row = _row_behind(w.vehicles, i, j, rounding, tables)
+            row = _row_behind(w.vehicles, i, j, rounding, road, tables)
             low = max(low, _cut(tables, row, a - 1, limits))
             high = max(high, _cut(tables, row, a, limits))
     if leads[0] < 0:
-        row = free_row(w.vehicles[i].speed, w.vehicles[i].desired_speed)
+        row = free_row(w.vehicles[i].speed, w.vehicles[i].desired_speed * pace_at(w.vehicles, i, road))
         low = _cut(tables, row, a - 1, limits)
         high = _cut(tables, row, a, limits)
     return low, high
@@ -568,7 +569,7 @@ def action_probabilities(
             _rounding_limit(v, i, leads[0], low),
             min(_rounding_limit(v, i, leads[1], low), _rounding_limit(v, i, leads[2], low)),
         )
-        _add_cumulative(v, i, leads, 0.5 * (low + high), high - low, tables, p)
+        _add_cumulative(v, i, leads, 0.5 * (low + high), high - low, road, tables, p)
         low = high
     if v[i].duration == 0.0:
         lane = v[i].target_lane

@@ -23,7 +23,7 @@ from cornerforge.drivers.naturalistic import (
 )
 from cornerforge.drivers.sight import FOLLOWED, HUMAN
 from cornerforge.ndd.memory import away_draw, own_word, remembering_word, word_at
-from cornerforge.road.lanes import may_change, side_to_leave
+from cornerforge.road.lanes import may_change, pace_at, side_to_leave
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.actions import nearest_action
 from cornerforge.sim.av import lead_acceleration
@@ -34,7 +34,7 @@ from cornerforge.sim.merging import heeds, wish_of
 from cornerforge.sim.neighbours import SIGHT, sort_by_x
 from cornerforge.sim.sight import lanes_seen
 from cornerforge.sim.steering import steer
-from cornerforge.sim.trucks import cut_to_class
+from cornerforge.sim.trucks import cut_all, cut_to_class
 from cornerforge.sim.world import NO_VEHICLE, moment_of
 from cornerforge.types import ACTION_HOLD, ACTION_LEFT, ACTION_RIGHT, ACTION_SIDES, FIRST_ACCELERATION
 
@@ -94,7 +94,8 @@ def _worst_follow(
     order = w.order
     state = w.state[0]
     i = order[rank]
-    wanted = v[i].lanes
+    wanted = v[i].desired_speed * pace_at(v, i, road)
+    lanes = v[i].lanes
     action = -1
     nearest_gap = np.inf
     nearest_rate = 0.0
@@ -105,39 +106,42 @@ def _worst_follow(
         if v[j].present == 0:
             continue
         seen = lanes_seen(v, j, road.lane_width, FOLLOWED)
-        if seen & wanted == 0:
+        if seen & lanes == 0:
             continue
         if not heeds(v, i, j, seen, road):
-            wanted &= ~seen
+            lanes &= ~seen
             continue
         room = gap(v, i, j)
         rate = v[j].speed - v[i].speed
-        row = following_row(tables, v[i].speed, v[i].desired_speed, room, rate, rounding)
+        row = following_row(tables, v[i].speed, wanted, room, rate, rounding)
         later = _draw_later(tables, row, follower_word, v[i].noise)
         if room < nearest_gap:
             nearest_gap = room
             nearest_rate = rate
         action = later if action < 0 else min(_drawn(tables, action), _drawn(tables, later))
-        wanted &= ~seen
-        if wanted == 0:
+        lanes &= ~seen
+        if lanes == 0:
             break
     if action < 0:
-        action = _draw_later(tables, free_row(v[i].speed, v[i].desired_speed), word, v[i].noise)
+        action = _draw_later(tables, free_row(v[i].speed, wanted), word, v[i].noise)
     return action, nearest_gap, nearest_rate
 
 
 @inlined_kernel
 def _follow(
-    w: World, i: int, lead: int, tables: NddTables, word: uint64, follower_word: uint64, rounding: float
+    w: World, i: int, lead: int, wanted: float, tables: NddTables, word: uint64, follower_word: uint64, rounding: float
 ) -> tuple[int, float, float]:
-    """Do the same as `_worst_follow` for slot i that occupies one lane; `lead` is the next ahead there, -1 for none."""
+    """Do the same as `_worst_follow` for slot i that occupies one lane.
+
+    `lead` is the next ahead there, -1 for none, `wanted` the speed that its driver wants here [m/s].
+    """
     v = w.vehicles
     speed = v[i].speed
     if lead < 0 or ahead_by(v, i, lead) >= SIGHT:
-        return _draw_later(tables, free_row(speed, v[i].desired_speed), word, v[i].noise), np.inf, 0.0
+        return _draw_later(tables, free_row(speed, wanted), word, v[i].noise), np.inf, 0.0
     room = gap(v, i, lead)
     rate = v[lead].speed - speed
-    row = following_row(tables, speed, v[i].desired_speed, room, rate, rounding)
+    row = following_row(tables, speed, wanted, room, rate, rounding)
     return _draw_later(tables, row, follower_word, v[i].noise), room, rate
 
 
@@ -157,7 +161,8 @@ def _decide_naturalistic(w: World, rank: int, road: RoadNumbers, tables: NddTabl
     follower_word = remembering_word(word, v[i].quantile, v[i].habit, tables.memory)
     if v[i].lanes == 1 << v[i].target_lane:
         lead = s.front[v[i].target_lane]
-        action, gap, rate = _follow(w, i, lead, tables, word, follower_word, uniform(words[3, i]))
+        wanted = v[i].desired_speed * pace_at(v, i, road)
+        action, gap, rate = _follow(w, i, lead, wanted, tables, word, follower_word, uniform(words[3, i]))
     else:
         action, gap, rate = _worst_follow(w, rank, road, tables, word, follower_word, uniform(words[3, i]))
     if gap < np.inf:
@@ -288,9 +293,7 @@ def _all_naturalistic(w: World, controlled_action: int, setting: Setting, s: Scr
         v[i].action = _drawn(tables, v[i].action)
         v[i].quantile = uniform(s.words[1, i])
     if road.limited:
-        for i in range(1, state.n_vehicles):
-            if i != controlled and v[i].away == 0:
-                v[i].action = cut_to_class(w, i, v[i].action, road)
+        cut_all(w, controlled, road)
     return changes
 
 

@@ -205,13 +205,13 @@ def braking_for_end(v: NDArray[np.void], i: int, road: RoadNumbers) -> float:
     return braking_within(v[i].speed, room_to_stop(v, i, road), _STOPS_WITH) if road.lanes.varied else 0.0
 
 
-@kernel
-def suitable_accelerations(w: World, i: int, road: RoadNumbers) -> tuple[float, float]:
+@inlined_kernel
+def suitable_accelerations(w: World, i: int, last: int, road: RoadNumbers) -> tuple[float, float]:
     """Find the accelerations between which vehicle i drives where traffic stops [m/s2]; -inf, inf: any.
 
     It brakes to stop at the end of its lane and behind what stops, and for what comes into its lane. One that must
     leave its lane falls back behind the vehicle beside it in the next lane, or draws away from it. The calmer half make
-    room for those that must come over. `order` is sorted.
+    room for those that must come over. `order` is sorted; `last`: `braking.last_to_stop`.
     """
     v = w.vehicles
     least, most = -np.inf, np.inf
@@ -221,9 +221,11 @@ def suitable_accelerations(w: World, i: int, road: RoadNumbers) -> tuple[float, 
     lets_in = road.lanes.varied and side == 0 and v[i].duration == 0.0 and v[i].habit < _LETS_IN
     braking = braking_for_end(v, i, road)
     unled, queued = v[i].lanes, 0.0
+    aside = _LET_IN_TIME * v[i].speed + road.longest if lets_in else 0.0
     for rank in range(rank_of(w, i) + 1, w.state[0].n_vehicles):
         j = w.order[rank]
-        if ahead_by(v, i, j) >= SIGHT:
+        ahead = ahead_by(v, i, j)
+        if ahead >= SIGHT or (rank > last and unled == 0 and ahead > aside):
             break
         if v[j].present == 0:
             continue
@@ -231,10 +233,10 @@ def suitable_accelerations(w: World, i: int, road: RoadNumbers) -> tuple[float, 
             if heeds(v, i, j, v[j].lanes, road):
                 if v[j].lanes & unled != 0:
                     most = min(most, safely_behind(v, i, j))
-                    unled &= ~v[j].lanes
                 braking = max(braking, braking_behind(v, i, j, queued))
                 if v[j].lanes & (1 << v[i].target_lane):
                     queued += v[j].length + STANDS_BEHIND
+            unled &= ~v[j].lanes
             if v[j].duration > 0.0 and v[j].speed < v[i].speed and v[j].target_lane == v[i].target_lane:
                 braking = max(braking, _braking_for_entering(v, i, j, road))
         elif lets_in and gap(v, i, j) < _LET_IN_TIME * v[i].speed and _lets_in(v, i, j, road):
