@@ -78,6 +78,7 @@ class Transition:
         length: Lengths [m], shape (m,).
         in_target: Which are in the lane that it changed to, shape (m,).
         to_left: The lane that it changed to has the lower number, as to the left in NGSIM.
+        lane: Number of the lane that it left, as the file says.
     """
 
     vehicle: int
@@ -86,6 +87,7 @@ class Transition:
     length: Floats = field(metadata={"unit": "m"})
     in_target: NDArray[np.bool_]
     to_left: bool
+    lane: int = 0
 
 
 @dataclass(frozen=True)
@@ -163,7 +165,7 @@ def transitions_of(reading: Reading) -> list[Transition] | None:
         found.append(
             Transition(
                 int(t.vehicle[row]), t.along[rows], t.speed[rows], t.length[rows], t.lane[rows] == lane,
-                bool(lane < t.lane[row]),
+                bool(lane < t.lane[row]), int(t.lane[row]),
             )
         )  # fmt: skip
     return found

@@ -12,30 +12,30 @@ from cornerforge.ext.calibrate.lane_observations import START_BEFORE, Transition
 from cornerforge.ext.calibrate.readers import Reading
 from cornerforge.intervals import binomial_interval
 from cornerforge.results.validation import FactFound
-from cornerforge.road.straight import lane_centre
+from cornerforge.road.straight import along, lane_centre
 from cornerforge.sim import Setting, World, all_current, allocate_worlds, chances, outcome, world_of
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, N_ACTIONS
 
-__all__ = ["chance_of", "compare_transitions"]
+__all__ = ["ALLOWED", "HARDLY", "chance_of", "compare_transitions"]
 
 ALLOWED = 0.10
 """Largest share of transitions that hardly ever happen."""
-_HARDLY = 1e-5
+HARDLY = 1e-5
 """Chance per decision. A change that nothing hinders has one of 0.0075 to 0.03."""
 _OWN_LANE = 1
 _FAR_BEHIND = -1e5
 
 
-def _scene(transition: Transition, setting: Setting) -> World:
-    """Build the world of a transition: slot 1 changes lanes; the AV, slot 0, is out of sight."""
+def _scene(transition: Transition, setting: Setting, own: int, at: float | None) -> World:
+    """Build the world of a transition: slot 1 changes lanes, from lane `own`; the AV, slot 0, is out of sight."""
     n = transition.along.size + 1
     world = world_of(allocate_worlds(1, n))
     v = world.vehicles
-    target = _OWN_LANE + 1 if transition.to_left else _OWN_LANE - 1
-    v["x"] = [_FAR_BEHIND, *transition.along]
+    target = own + 1 if transition.to_left else own - 1
+    v["x"] = [_FAR_BEHIND, *(transition.along if at is None else along(transition.along[0] - at, transition.along))]
     v["speed"] = [transition.speed[0], *transition.speed]
     v["length"] = [setting.road.length, *transition.length]
-    v["target_lane"] = _OWN_LANE
+    v["target_lane"] = own
     v["target_lane"][1:][transition.in_target] = target
     v["y"] = [lane_centre(int(lane), setting.road.lane_width) for lane in v["target_lane"]]
     v["lanes"] = 1 << v["target_lane"]
@@ -48,16 +48,21 @@ def _scene(transition: Transition, setting: Setting) -> World:
     return world
 
 
-def chance_of(transition: Transition, setting: Setting) -> float:
+def chance_of(transition: Transition, setting: Setting, *, lane: int = _OWN_LANE, at: float | None = None) -> float:
     """Compute the probability with which an attentive driver of the model starts this lane change at this moment.
 
-    The road comes from `setting`, with at least three lanes; only the vehicles of the two lanes are there, each in the
-    centre of its lane.
+    The road comes from `setting`; only the vehicles of the two lanes are there, each in the centre of its lane.
+
+    Args:
+        transition: The lane change.
+        setting: Where the model drives.
+        lane: Lane of that road from which it starts.
+        at: Place of that road at which it starts [m]; None: the file's own.
     """
-    world = _scene(transition, setting)
+    world = _scene(transition, setting, lane, at)
     p = np.zeros(N_ACTIONS)
     chances.action_probabilities(
-        world, 1, True, _OWN_LANE, setting.road, setting.tables, chances.allocate_starter_scratch(), p
+        world, 1, True, lane, setting.road, setting.tables, chances.allocate_starter_scratch(), p
     )
     return float(p[ACTION_LEFT if transition.to_left else ACTION_RIGHT])
 
@@ -77,11 +82,11 @@ def compare_transitions(run: Experiment, names: Sequence[str], readings: Sequenc
         found = np.array([chance_of(one, run.setting) for one in transitions_of(reading) or ()])
         if found.size == 0:
             continue
-        rare = int((found < _HARDLY).sum())
+        rare = int((found < HARDLY).sum())
         rows.append(
             judged(
                 rare / found.size, (0.0, ALLOWED), theme="transitions", when=name, unit="", published=None,
-                fact=f"share of lane changes of probability below {_HARDLY:g}, {START_BEFORE:g} s before the crossing",
+                fact=f"share of lane changes of probability below {HARDLY:g}, {START_BEFORE:g} s before the crossing",
                 source="recorded: all of them happened", n=found.size,
                 interval95=binomial_interval(rare, found.size),
             )

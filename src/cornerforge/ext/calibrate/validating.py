@@ -25,6 +25,7 @@ from cornerforge.ext.calibrate.free_running import (
 )
 from cornerforge.ext.calibrate.options import NddValidate
 from cornerforge.ext.calibrate.persistence import compare_persistence
+from cornerforge.ext.calibrate.stopping import compare_merges, compare_queues
 from cornerforge.ext.calibrate.transitions import compare_transitions
 from cornerforge.ext.calibrate.validation_page import (
     allowed,
@@ -75,6 +76,14 @@ THEMES = {
         "Lane changes that people made",
         "A lane change that was recorded must be no rarity for an attentive driver of the model two seconds before the "
         "crossing.",
+    ),
+    "queues": (
+        "Traffic that stops",
+        "In a queue vehicles must stand and crawl as near to each other as in the files.",
+    ),
+    "merging": (
+        "Merging",
+        "Drivers from a ramp must merge in time, and recorded merges must be no rarity. The law is stated, not fitted.",
     ),
 }
 """Checks: name -> title, and their meaning in a sentence."""
@@ -127,6 +136,8 @@ def ndd_validate(options: NddValidate) -> NddValidated:
         *compare_with_facts(whole, CUT_IN_FACTS),
         *compare_persistence(traffic.pairs),
         *compare_transitions(run, reading_names(readings), readings),
+        *compare_queues(run, reading_names(readings), readings, seed=options.seed),
+        *compare_merges(run, reading_names(readings), readings, seed=options.seed),
     ]
     changes = int(whole.total().totals[statistics.LANE_CHANGES]) / whole.miles
     content = {
