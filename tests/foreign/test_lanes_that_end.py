@@ -22,6 +22,7 @@ from cornerforge.road.lanes import must_leave_by
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim.outcome import COMPLETED, LEFT_ROAD
 from cornerforge.types import Odd
+from cornerforge.verbs.sentences.driving import simulate_text
 from cornerforge.world_options import WorldOptions
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "merging_av.py"
@@ -172,3 +173,11 @@ def test_planners_of_others_refuse_it(av: str, package: str) -> None:
     pytest.importorskip(package)
     with pytest.raises(InputError, match="lanes without an end"):
         cornerforge.simulate(av=str(EXAMPLE.parent / av), road="on-ramp", tests=2)
+
+
+@pytest.mark.usefixtures("in_memory", "here")
+def test_tests_in_which_the_av_left_the_road_are_counted() -> None:
+    found = cornerforge.simulate(av="others:Keeps", road="on-ramp", task="ramp", tests=20, seed=2)
+    assert 15 < found.left_road <= 20 - found.av_crashes
+    assert f"in {found.left_road} tests the AV left the road; " in simulate_text(found)
+    assert cornerforge.simulate(road="on-ramp", task="ramp", tests=20, seed=2).left_road == 0

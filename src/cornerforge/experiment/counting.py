@@ -74,6 +74,7 @@ def tally_summary(tally: Tally, seconds: float, *, with_distributions: bool) -> 
         av_crashes=tally.av_crashes,
         av_faults=tally.av_faults,
         bv_crashes=tally.bv_crashes,
+        left_road=tally.left_road,
         seconds=round(seconds, 3),
         world_steps=tally.decisions,
         world_steps_per_second=round(tally.decisions / seconds, 2),

@@ -13,7 +13,7 @@ from cornerforge._checks import check_integer
 from cornerforge.fields import FRAME_FIELDS
 from cornerforge.sim.drive import drive_range, drive_windows
 from cornerforge.sim.keep import keep_nothing
-from cornerforge.sim.outcome import AV_CRASH, AV_FAULT, Outcomes, allocate_outcomes
+from cornerforge.sim.outcome import AV_CRASH, AV_FAULT, LEFT_ROAD, Outcomes, allocate_outcomes
 from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.statistics import Census, Counts, allocate_counts, census_of
@@ -62,6 +62,7 @@ class Tally:
     Attributes:
         tests, av_crashes, bv_crashes, decisions: Counts; `bv_crashes` counts contacts between two BVs.
         av_faults: Tests with the outcome AV_FAULT; they are not among `tests`.
+        left_road: Tests that ended because the AV drove on where its lane had ended.
         millimetres: Distance that the AV drove, rounded for each test so that the sum does not depend on the order.
         digest: SHA-256 over all outcomes, fed in test order.
         counts: Histograms, if counting was asked for.
@@ -71,6 +72,7 @@ class Tally:
     av_crashes: int = 0
     bv_crashes: int = 0
     av_faults: int = 0
+    left_road: int = 0
     decisions: int = 0
     millimetres: int = 0
     digest: hashlib._Hash = field(default_factory=hashlib.sha256)
@@ -87,6 +89,7 @@ class Tally:
         self.tests += out.code.size - faults
         self.av_faults += faults
         self.av_crashes += int((out.code == AV_CRASH).sum())
+        self.left_road += int((out.code == LEFT_ROAD).sum())
         self.bv_crashes += int(out.bv_crashes.sum())
         self.decisions += int(out.decisions.sum())
         millimetres = np.rint(out.distance * 1000.0).astype(np.int64)

@@ -12,9 +12,10 @@ __all__ = ["avs_text", "check_av_failed", "check_av_text", "simulate_text", "tra
 
 def simulate_text(found: Simulated) -> str:
     """Write the rate, the counts, the speed and, where they were asked for, the distributions of the traffic."""
+    left = f"in {found.left_road:,} tests the AV left the road; " if found.left_road else ""
     lines = [
         rate_text(found, f"{found.av}, {' + '.join(found.bv or ())}"),
-        f"{found.av_crashes:,} AV crashes, {found.bv_crashes:,} crashes between BVs; "
+        f"{found.av_crashes:,} AV crashes, {found.bv_crashes:,} crashes between BVs; {left}"
         f"{few_digits(found.tests_per_second)} tests/s, {few_digits(found.world_steps_per_second)} world-steps/s; "
         f"digest {found.digest[:16]}",
         *fault_text(found.av_faults),
