@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,21 +16,22 @@ from cornerforge.analysis.avoidability import AvoidParams
 from cornerforge.analysis.conduct import CONDUCTS, Conduct, conduct_of
 from cornerforge.analysis.flaw import FLAWS, flaws_of, headline, in_words
 from cornerforge.analysis.prevented import Prevention, prevention_of
+from cornerforge.experiment.roads import odd_on, road_named
 from cornerforge.recordings import Recordings
 from cornerforge.results.analysis import OwnDoing
-from cornerforge.types import Scenario
+from cornerforge.types import Odd, Scenario
 
 ODD = WIDE
 CODES = {name: k for k, name in enumerate(CONDUCTS)}
 
 
-def prevention(recordings: Recordings) -> Prevention:
-    return prevention_of(recordings, [None] * recordings.n_cases, ODD, AvoidParams())
+def prevention(recordings: Recordings, odd: Odd = ODD) -> Prevention:
+    return prevention_of(recordings, [None] * recordings.n_cases, odd, AvoidParams())
 
 
-def found(scenario: Scenario) -> tuple[str, str]:
+def found(scenario: Scenario, odd: Odd = ODD) -> tuple[str, str]:
     recordings = recordings_of_all([scenario])
-    columns = conduct_of(recordings, ODD, prevention(recordings)).columns()
+    columns = conduct_of(recordings, odd, prevention(recordings, odd)).columns()
     return str(columns["conduct"][0]), str(columns["conduct_side"][0])
 
 
@@ -105,6 +107,53 @@ def test_crashes_made_by_hand(name: str) -> None:
 def test_the_mirror_image_gives_the_other_side(name: str) -> None:
     av, bv, (conduct, side) = MADE[name]
     assert found(mirrored(crash(av, bv))) == (conduct, {"left": "right", "right": "left"}.get(side, side))
+
+
+MERGING = replace(odd_on(Odd(), replace(road_named("on-ramp"), lane_width=4.0), "ramp"), road_at=600.0)
+"""The right lane of crashes made by hand is an acceleration lane up to 250 m."""
+CLOSES_UP = Car(20.0, MIDDLE, 27.0, ((0.5, 1.5),))
+INTO_MIDDLE = (Turn(2.5, 4.0, MIDDLE),)
+
+AT_LANE_ENDS = {
+    "it merges in front of a faster one": (
+        (Car(40.0, RIGHT, 25.0, turns=(Turn(1.0, 4.0, MIDDLE),)), Car(16.0, MIDDLE, 33.0)),
+        ("merges-blind", "not-behind"),
+    ),
+    "it changes lanes elsewhere": (
+        (Car(40.0, MIDDLE, 25.0, turns=INTO_LEFT), Car(16.0, LEFT, 33.0)), ("not-behind", "not-behind"),
+    ),
+    "it merges 2 m in front of one as fast, and brakes": (
+        (Car(40.0, RIGHT, 25.0, ((2.0, -2.0),), (Turn(1.0, 4.0, MIDDLE),)), Car(33.0, MIDDLE, 25.0)),
+        ("none", "cuts-in"),
+    ),
+    "it stops at the end, beside a free lane": (
+        (Car(40.0, RIGHT, 25.0, ((3.0, -3.4),)), Car(2.0, RIGHT, 25.0, ((4.0, -2.6),))),
+        ("stops-at-end", "brakes-hard"),
+    ),
+    "it stops at the end, always beside another": (
+        (Car(40.0, RIGHT, 25.0, ((3.0, -3.4),)), Car(2.0, RIGHT, 25.0, ((4.0, -2.6),)),
+         Car(40.0, MIDDLE, 25.0, ((3.0, -3.4),))),
+        ("none", "brakes-hard"),
+    ),
+    "it brakes hard before the end": (
+        (Car(60.0, RIGHT, 30.0, ((2.0, -6.0),)), Car(25.0, RIGHT, 30.0)), ("none", "brakes-hard"),
+    ),
+    "it closes the gap to one that merges": (
+        (CLOSES_UP, Car(46.0, RIGHT, 26.0, turns=INTO_MIDDLE)), ("blocks-mergers", "reacts-late"),
+    ),
+    "it lets one in, and brakes too little": (
+        (CLOSES_UP._replace(pulls=((2.5, -1.2),)), Car(36.0, RIGHT, 22.0, turns=INTO_MIDDLE)), ("none", "none"),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", AT_LANE_ENDS)
+def test_crashes_made_by_hand_where_lanes_end(name: str) -> None:
+    """The second conduct of each is the one on a road whose lanes go on."""
+    cars, (conduct, elsewhere) = AT_LANE_ENDS[name]
+    scenario = crash(*cars)
+    assert found(scenario)[0] == elsewhere
+    assert found(scenario, MERGING)[0] == conduct
 
 
 def test_braking_earlier_than_the_models_is_not_late_where_the_rear_is_struck() -> None:
@@ -221,3 +270,27 @@ def test_the_flaw_is_named_without_knowing(av: str, tmp_path: Path) -> None:
     assert sum(told.conducts.values()) == 300
     assert [one.flaw for one in told.flaws][:1] == ([av.removeprefix("flawed-")] if av.startswith("flawed-") else [])
     assert (FLAWS[told.flaws[0].flaw] if told.flaws else "Nothing was found") in told.text
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("av", "task"), [("merges-blind", "ramp"), ("stops-at-end", "ramp"), ("blocks-mergers", "through")]
+)
+def test_the_flaw_is_named_where_lanes_end(av: str, task: str, tmp_path: Path) -> None:
+    """By natural crashes; idm-mobil, which hardly has any, is the control with those of an adversary."""
+    tests = {"merges-blind": 2_000, "stops-at-end": 20_000, "blocks-mergers": 40_000}[av]
+    cornerforge.simulate(
+        out=tmp_path / "natural", av=f"flawed-{av}", road="on-ramp", task=task, tests=tests, seed=4, threads=2
+    )
+    cornerforge.generate(
+        out=tmp_path / "good", policy="lane-changer", cases=300, road="on-ramp", task=task, seed=4, threads=2
+    )
+    told, good = (
+        cornerforge.analyse(tmp_path / name, avoidability="none", threads=2).own_doing for name in ("natural", "good")
+    )
+    assert told is not None
+    assert told.flaws[0].flaw == av
+    assert FLAWS[av] in told.text
+    assert good is not None
+    assert good.conducts.get(av, 0) <= 3
+    assert av not in [one.flaw for one in good.flaws]

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from cornerforge.analysis.mechanism import MECHANISMS, contact_pose, mechanism_of
 from cornerforge.errors import InputError
-from cornerforge.types import Crash
+from cornerforge.experiment.roads import odd_on, road_named
+from cornerforge.types import Crash, Odd
 
 BESIDE = Driver(0.0, 1, 30.0)
 # name: drivers, mechanism, contact
@@ -114,8 +115,40 @@ def test_crashes_driven_by_hand_and_their_mirror_images(name: str) -> None:
         assert (found.name, found.contact) == (mechanism, contact)
 
 
+BY_A_RAMP, BY_AN_EXIT = (
+    replace(odd_on(Odd(), replace(road_named(name), lane_width=4.0)), road_at=650.0) for name in ("on-ramp", "exit")
+)
+"""The right lane is an acceleration lane, or leads to an exit, from -50 m to 200 m."""
+# name: drivers, road, mechanism there, and where lanes go on
+AT_LANE_ENDS: dict[str, tuple[list[Driver], Odd, str, str]] = {
+    "the AV merges": (CASES["AV cuts in ahead of a faster BV"][0], BY_A_RAMP, "av-merges", "bv-rear-av-cut-in"),
+    "the BV merges": (CASES["BV cuts in ahead"][0], BY_A_RAMP, "bv-merges", "av-rear-bv-cut-in"),
+    "the BV moves over into a lane that goes on": (
+        [Driver(0, 2, 30), Driver(1, 1, 30, ((1, 2),))], BY_A_RAMP, "bv-side", "bv-side"
+    ),
+    "the AV brakes before the end": (
+        [Driver(0, 0, 30, braking=(3, 6, -4.0)), Driver(-15, 0, 30)], BY_A_RAMP, "lane-end", "bv-rear-av-braking"
+    ),
+    "the AV takes the exit": ([Driver(0, 1, 30, ((1, 0),)), Driver(1, 0, 30)], BY_AN_EXIT, "leaving", "av-side"),
+    "the AV brakes on the way to the exit": (
+        [Driver(0, 0, 30, braking=(3, 6, -4.0)), Driver(-15, 0, 30)], BY_AN_EXIT, "bv-rear-av-braking",
+        "bv-rear-av-braking",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", AT_LANE_ENDS)
+def test_where_lanes_end_crashes_have_kinds_of_their_own(name: str) -> None:
+    drivers, odd, there, elsewhere = AT_LANE_ENDS[name]
+    scenario = scenario_of(drivers)
+    assert mechanism_of(scenario).name == elsewhere
+    found = mechanism_of(replace(scenario, odd=odd))
+    assert (found.name, found.plain) == (there, elsewhere)
+
+
 def test_every_mechanism_is_driven_by_hand() -> None:
-    assert {mechanism for _, mechanism, _ in CASES.values()} == set(MECHANISMS)
+    driven = {mechanism for _, mechanism, _ in CASES.values()} | {there for _, _, there, _ in AT_LANE_ENDS.values()}
+    assert driven == set(MECHANISMS)
 
 
 def test_what_is_said_beside_the_name() -> None:

@@ -1,7 +1,7 @@
 """The AV's own mistakes before a crash, read from the recorded motion and from reference drivers, so for any AV.
 
 RSS says which vehicle broke a rule last, a way out what could have helped. An engineer asks what the AV does. The rules
-look at the AV and the vehicle that it touched, the last two at the reference drivers in the AV's place (`prevented`);
+look at the AV and the vehicle that it touched, rules 5 and 6 at the reference drivers in the AV's place (`prevented`);
 in this order, the first that fits names the case, else "none" (docs/adr/0069-one-judgement.md):
 
 1. `hesitates`: within 8 s before, it had left its lane and turned back, or turned three times, and it moved sideways in
@@ -23,6 +23,19 @@ in this order, the first that fits names the case, else "none" (docs/adr/0069-on
 6. `reacts-late`: at least three of the four reference drivers would have prevented it by braking, and its rear was not
    struck: a driver that had braked had been somewhere else then, but not because braking helps there.
 
+On a road where lanes end three more (`lane_ends`), where the lane that ends is one that drivers leave within 20 s:
+
+7. `merges-blind` for `not-behind` and `not-beside`, where the AV's own lane ended. `cuts-in` and `brakes-hard` are none
+   there: drivers take shorter gaps where they must, and an end is something to brake for.
+8. `blocks-mergers`: the other, ahead of the AV, came over from a lane beside it that ended; the AV had become faster by
+   0.5 m/s in the 3 s before, and did not brake (1 m/s2) for 0.8 s from when that could be seen; some reference driver
+   would have prevented it.
+9. `stops-at-end`: within 10 s before, it drove with less than 8 m/s in a lane that ended, although for 1 s there had
+   been a gap in the next lane, which it did not try to take (0.2 m): 1 s to both neighbours, and less than 0.5 m/s2
+   of braking for the rear one.
+
+The last two stand in for rules 5 and 6 where both fit.
+
 Cut in by another vehicle too near for most of them, struck from behind or from the side while it kept its lane and
 speed, an AV has done nothing wrong by these rules.
 """
@@ -36,6 +49,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.analysis.lane_ends import blocks_since, ends_soon, stops_since
 from cornerforge.analysis.pair import AV, BV, PairMotion, pair_motion
 from cornerforge.analysis.prevented import Prevention
 from cornerforge.fields import BEFORE_CONTACT, Field
@@ -58,6 +72,9 @@ CONDUCTS: dict[str, str] = {
     "cuts-in": "it changes lanes with a time gap of less than 0.3 s",
     "brakes-hard": "it brakes hard for nothing, and is struck from behind",
     "reacts-late": "it brakes later or less than most models of a careful driver, which would have prevented the crash",
+    "merges-blind": "it leaves a lane that ends too near in front of another vehicle, behind a slower one, or into one",
+    "blocks-mergers": "it closes the gap to a vehicle whose lane ends, and does not brake when that one comes over",
+    "stops-at-end": "it stops where its lane ends, although there had been a gap in the next lane",
 }
 """Name and meaning of each conduct, by code."""
 IN_SHORT: dict[str, str] = {
@@ -73,12 +90,16 @@ IN_SHORT: dict[str, str] = {
     "cuts-in": "cuts in",
     "brakes-hard": "brakes hard for nothing",
     "reacts-late": "reacts late",
+    "merges-blind": "merges without a look",
+    "blocks-mergers": "lets none in",
+    "stops-at-end": "stops where its lane ends",
 }
 """Each conduct in a few words, after "it"."""
 NO_CONDUCT = "none"
-_NONE, _HESITATES, _NOT_BEHIND, _NOT_BESIDE, _LATE, _WEAK, _STOPS, _NEVER, _CLOSE, _CUTS_IN, _HARD, _REACTS = range(
-    len(CONDUCTS)
-)
+(
+    _NONE, _HESITATES, _NOT_BEHIND, _NOT_BESIDE, _LATE, _WEAK, _STOPS, _NEVER, _CLOSE, _CUTS_IN, _HARD, _REACTS,
+    _MERGES, _BLOCKS, _AT_END,
+) = range(len(CONDUCTS))  # fmt: skip
 
 CONDUCT_COLUMNS: tuple[Field, ...] = (
     Field("conduct", "string", "", f"What the AV did wrong: {', '.join(CONDUCTS)} (`analysis.conduct`)."),
@@ -414,8 +435,9 @@ class Conduct:
 
     @property
     def begun(self) -> NDArray[np.bool_]:
-        """Mark the cases in which it did what it could have left out (rules 1, 2, 4 and 5), bool (S,)."""
-        return np.isin(self.code, (_HESITATES, _NOT_BEHIND, _NOT_BESIDE, _CUTS_IN, _CLOSE, _HARD))
+        """Mark the cases in which it did what it could have left out (rules 1, 2, 4, 5 and 7 to 9), bool (S,)."""
+        left_out = _HESITATES, _NOT_BEHIND, _NOT_BESIDE, _CUTS_IN, _CLOSE, _HARD, _MERGES, _BLOCKS, _AT_END
+        return np.isin(self.code, left_out)
 
     def columns(self) -> dict[str, Any]:
         """Make the columns of `CONDUCT_COLUMNS`."""
@@ -427,7 +449,7 @@ def conduct_of(recordings: Recordings, odd: Odd, prevention: Prevention) -> Cond
     """Say what the AV did wrong in recorded crashes of the AV.
 
     Args:
-        recordings: S cases; vehicles other than the AV and its partner are not looked at.
+        recordings: S cases; vehicles other than the AV and its partner are looked at only where lanes end.
         odd: Road and rules of the cases.
         prevention: What reference drivers make of the same cases.
 
@@ -435,13 +457,32 @@ def conduct_of(recordings: Recordings, odd: Odd, prevention: Prevention) -> Cond
         InputError: As `pair.pair_motion`.
     """
     judges = np.stack([prevention.needless, prevention.reacts], axis=-1)
-    parts = [
-        _of_motion(pair_motion(block), judges[at : at + _BLOCK], odd.lane_width)
-        for at, block in zip(range(0, recordings.n_cases, _BLOCK), recordings.blocks(_BLOCK), strict=True)
-    ]
+    some = np.asarray(prevention.prevented.any(axis=1))
+    parts = []
+    for at, block in zip(range(0, recordings.n_cases, _BLOCK), recordings.blocks(_BLOCK), strict=True):
+        motion, rows = pair_motion(block), slice(at, at + _BLOCK)
+        parts.append(_of_motion(motion, judges[rows], odd.lane_width))
+        if odd.road is not None:
+            _look_at_ends(parts[-1], block, motion, some[rows], odd)
     found = np.concatenate(parts) if parts else np.zeros((0, 3), np.int64)
     begin = np.where(found[:, 0] == _NONE, np.nan, found[:, 2] * FRAME_S)
     return Conduct(found[:, 0], found[:, 1], begin)
+
+
+def _look_at_ends(
+    out: NDArray[np.int64], block: Recordings, motion: PairMotion, some: NDArray[np.bool_], odd: Odd
+) -> None:
+    """Put the mistakes of rules 7 to 9 into what `_of_motion` returned; `some`: a reference driver prevents it."""
+    last = motion.x.shape[2] - 1
+    soon = ends_soon(motion.x, motion.y, motion.speed, odd)
+    must_merge = soon[AV, np.arange(len(out)), last - out[:, 2]]
+    out[must_merge & np.isin(out[:, 0], (_NOT_BEHIND, _NOT_BESIDE)), 0] = _MERGES
+    out[must_merge & np.isin(out[:, 0], (_CUTS_IN, _HARD)), 0] = _NONE
+    for code, since in (
+        (_BLOCKS, blocks_since(motion, soon, some, odd)), (_AT_END, stops_since(block, motion, soon, odd)),
+    ):  # fmt: skip
+        found = np.isin(out[:, 0], (_NONE, _HARD, _REACTS)) & (since >= 0)
+        out[found, 0], out[found, 2] = code, last - since[found]
 
 
 def _of_motion(motion: PairMotion, judges: NDArray[np.int64], lane_width: float) -> NDArray[np.int64]:

@@ -32,6 +32,9 @@ FLAWS: dict[str, str] = {
     "brakes-hard": "brakes hard for nothing",
     "late-at-cut-ins": "brakes late when others cut in",
     "brakes-too-little": "brakes too late or too little, now this way and now that",
+    "merges-blind": "merges without a look",
+    "blocks-mergers": "does not let merging vehicles in",
+    "stops-at-end": "stops where its lane ends, although there are gaps",
 }
 """Name of each flaw, and what the AV does, after "This AV"."""
 
@@ -41,7 +44,16 @@ LEAST_CASES, LEAST_SHARE = 3, 0.01
 """A flaw shows in at least so many cases, and surely (95 % interval) in more than this share of all crashes."""
 _CHANGES, _INTO_REAR = ("not-behind", "not-beside", "cuts-in"), ("stops-heeding", "does-not-brake")
 _REACTS = ("reacts-late",)
-_ALONE = ("hesitates", "brakes-late", "brakes-weakly", "too-close", "brakes-hard")
+_ALONE = (
+    "hesitates",
+    "brakes-late",
+    "brakes-weakly",
+    "too-close",
+    "brakes-hard",
+    "merges-blind",
+    "blocks-mergers",
+    "stops-at-end",
+)
 _GROUPS = (*((name,) for name in _ALONE), _CHANGES, _INTO_REAR, _REACTS)
 _BRAKES_TOO_LITTLE = ("brakes-late", "brakes-weakly", *_INTO_REAR, *_REACTS)
 """Looked at as one where no group alone shows a flaw."""

@@ -8,18 +8,15 @@ from cornerforge.analysis.mechanism import (
     MECHANISMS,
     LaneChange,
     entering_change,
+    is_free,
     lane_changes_before,
+    lane_in,
     mechanism_of,
 )
-from cornerforge.road.lanes import lanes_of
-from cornerforge.road.network import Lane
 from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S, Scenario
 
 __all__ = ["avoidance_in_words", "case_in_words", "what_happened"]
-
-_ENDS_SOON_M = 600.0
-"""A lane that ends within this is said to be the reason of a lane change [m]: drivers leave it from 20 s before."""
 
 
 def what_happened(scenario: Scenario) -> str:
@@ -32,7 +29,7 @@ def what_happened(scenario: Scenario) -> str:
         InputError: There is no crash of the AV, or the recording does not hold its contact.
     """
     frame, partner = scenario.contact()
-    name = mechanism_of(scenario).name
+    name = mechanism_of(scenario).plain
     mover = {"bv-side": partner, "av-rear-bv-cut-in": partner, "bv-rear-bv-change": partner}.get(name)
     if mover is None and name in ("av-side", "bv-rear-av-cut-in", "av-rear-av-change"):
         mover = 0
@@ -68,33 +65,22 @@ def _lane_change(scenario: Scenario, frame: int, mover: int, other: int) -> str:
     return (f"{text} with {hardest:.1f} m/s2" if hardest <= -1.0 else text) + _reason(scenario, mover, change)
 
 
-def _lane_in(scenario: Scenario, slot: int, x: float) -> Lane | None:
-    """Lane in a slot at x of a road whose lanes begin or end; None: there is none, or the road is straight."""
-    lanes = lanes_of(scenario.odd) if scenario.odd.road is not None else ()
-    return next((lane for lane in lanes if lane.slot == slot and lane.begin <= x < lane.end), None)
-
-
 def _reason(scenario: Scenario, mover: int, change: LaneChange) -> str:
     """Say why the mover had to change lanes, as far as the road tells."""
     x = float(scenario.x[change.start, mover])
-    old, new = (_lane_in(scenario, slot, x) for slot in (change.target - change.side, change.target))
+    old, new = (lane_in(scenario, slot, x) for slot in (change.target - change.side, change.target))
     if new is not None and new.kind == "deceleration":
         return ", to take the exit"
-    if old is None or _is_free(old, x):
+    if old is None or is_free(old, x):
         return ""
     return ", merging from the ramp" if old.kind == "acceleration" else ", as its lane ends"
-
-
-def _is_free(lane: Lane, x: float) -> bool:
-    """Need a vehicle at x not leave a lane yet? It must from `_ENDS_SOON_M` before the end of a lane that ends."""
-    return lane.kind in ("deceleration", "ramp") or float(along(x, lane.end)) > _ENDS_SOON_M
 
 
 def _place(scenario: Scenario, frame: int) -> str:
     """Say where the AV was, as far as the road tells."""
     x, y = float(scenario.x[frame, 0]), float(scenario.y[frame, 0])
-    lane = _lane_in(scenario, int(y // scenario.odd.lane_width), x)
-    if lane is None or (lane.kind == "through" and _is_free(lane, x)):
+    lane = lane_in(scenario, int(y // scenario.odd.lane_width), x)
+    if lane is None or (lane.kind == "through" and is_free(lane, x)):
         return ""
     kinds = {"acceleration": "acceleration lane", "deceleration": "exit lane", "ramp": "ramp"}
     return f", on the {kinds[lane.kind]}" if lane.kind in kinds else ", where the lane ends"

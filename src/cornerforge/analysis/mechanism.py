@@ -10,6 +10,9 @@ lanes and accelerations only, so they hold for any AV and any traffic. In this o
    or the one in front had braked hard (`...-braking`), or neither (`bv-rear`, `av-rear`).
 4. A side took part: named after the vehicle that had moved into the other's path (`bv-side`, `av-side`); `other` if
    neither had.
+5. On a road whose lanes end, instead of 3 and 4: the one that had moved into the other's path left a lane that ends
+   within 600 m (`av-merges`, `bv-merges`) or came into an exit's lane (`leaving`); or neither had moved, and the AV was
+   in a lane that ends so (`lane-end`).
 
 A lane change counts once it has moved 0.2 m, while it lasts and for 3 s after; "moved into the path" means that when it
 began the two did not overlap laterally and it went towards the other. A driver that turned back too late had moved into
@@ -27,6 +30,8 @@ from numpy.typing import NDArray
 from cornerforge.analysis.contact import FRONT, REAR, find_contact
 from cornerforge.analysis.crash_types import STRIKERS, classify_crashes
 from cornerforge.fields import POSE
+from cornerforge.road.lanes import lanes_of
+from cornerforge.road.network import Lane
 from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S, Scenario
 
@@ -38,7 +43,9 @@ __all__ = [
     "contact_pose",
     "crash_type_of",
     "entering_change",
+    "is_free",
     "lane_changes_before",
+    "lane_in",
     "mechanism_of",
 ]
 
@@ -57,6 +64,10 @@ MECHANISMS: dict[str, str] = {
     "av-rear": "AV runs into the rear of a BV that neither brakes hard nor changed lanes into its path",
     "bv-side": "BV changes lanes into the side of the AV",
     "av-side": "AV changes lanes into the side of the BV",
+    "av-merges": "AV leaves a lane that ends, into the path of the BV",
+    "bv-merges": "BV leaves a lane that ends, into the path of the AV",
+    "leaving": "AV or BV moves into the path of the other in the lane of an exit",
+    "lane-end": "AV is where its lane ends, and neither moved into the path of the other",
     "other": "none of these",
 }
 """Name and meaning, in the order of the rules."""
@@ -70,6 +81,8 @@ _HARD_BRAKING = -3.0
 _FOLLOW_UP_S = 5.0
 _FOLLOW_UP_M = 100.0
 _SETTLED_M = 0.01
+_ENDS_SOON_M = 600.0
+"""A lane that ends within this is one that drivers leave [m]: 20 s at 30 m/s."""
 VISIBLE_M = 0.2
 """Sideways motion that can be seen, at least [m]: what a kind, a title and a sentence may name."""
 
@@ -80,6 +93,7 @@ class Mechanism:
 
     Attributes:
         name: A key of `MECHANISMS`.
+        plain: The same by rules 1 to 4.
         contact: "rear-end by AV", "rear-end by BV" or "side": which faces met.
         at_start: The crash came less than 4 s after the start of the test.
         av_changing: The AV changed lanes then, or had until 3 s before.
@@ -89,6 +103,7 @@ class Mechanism:
     """
 
     name: str
+    plain: str
     contact: str
     at_start: bool
     av_changing: bool
@@ -150,17 +165,20 @@ def mechanism_of(scenario: Scenario) -> Mechanism:
     av_changes, bv_changes = lane_changes_before(scenario, frame, 0), lane_changes_before(scenario, frame, partner)
     av, bv = next(iter(av_changes), None), next(iter(bv_changes), None)
     contact = _contact_kind(scenario)
-    name = "follow-up" if _follows_bv_crash(scenario, frame) else _of_two_changes(av_changes, bv_changes)
-    if name is None:
+    plain = "follow-up" if _follows_bv_crash(scenario, frame) else _of_two_changes(av_changes, bv_changes)
+    name = plain
+    if plain is None:
         by_av = entering_change(scenario, frame, 0, partner)
         by_bv = entering_change(scenario, frame, partner, 0)
         entered_av, entered_bv = by_av is not None, by_bv is not None
         if by_av is not None and by_bv is not None:
             entered_av, entered_bv = by_av.start > by_bv.start, by_bv.start >= by_av.start
-        name = _of_contact(scenario, contact, frame, partner, entered_av, entered_bv)
+        plain = _of_contact(scenario, contact, frame, partner, entered_av, entered_bv)
+        mover, change = (partner, by_bv) if entered_bv else (0, by_av)
+        name = _where_lanes_end(scenario, mover, frame if change is None else change.start, change) or plain
     difference = None if av is None or bv is None else round((bv.start - av.start) * FRAME_S, 1)
     at_start = scenario.crash is not None and scenario.crash.time < AT_START_S
-    return Mechanism(name, contact, at_start, av is not None, bv is not None, difference)
+    return Mechanism(name or plain, plain, contact, at_start, av is not None, bv is not None, difference)
 
 
 def _contact_kind(scenario: Scenario) -> str:
@@ -204,6 +222,29 @@ def entering_change(scenario: Scenario, frame: int, mover: int, other: int) -> L
     """Find the newest lane change of `lane_changes_before` with which the mover moved into the other's path."""
     changes = lane_changes_before(scenario, frame, mover)
     return next((change for change in changes if _came_from_outside(scenario, change, mover, other)), None)
+
+
+def lane_in(scenario: Scenario, slot: int, x: float) -> Lane | None:
+    """Find the lane in a slot at x of a road whose lanes begin or end; None: there is none, or the road is straight."""
+    lanes = lanes_of(scenario.odd) if scenario.odd.road is not None else ()
+    return next((lane for lane in lanes if lane.slot == slot and lane.begin <= x < lane.end), None)
+
+
+def is_free(lane: Lane, x: float) -> bool:
+    """Need a vehicle at x not leave a lane yet? It must from `_ENDS_SOON_M` before the end of a lane that ends."""
+    return lane.kind in ("deceleration", "ramp") or float(along(x, lane.end)) > _ENDS_SOON_M
+
+
+def _where_lanes_end(scenario: Scenario, mover: int, frame: int, change: LaneChange | None) -> str | None:
+    """Rule 5; None if it does not fit. `frame`: when the mover's lane change began, without one that of the contact."""
+    x, slot = float(scenario.x[frame, mover]), int(scenario.y[frame, mover] // scenario.odd.lane_width)
+    new = None if change is None else lane_in(scenario, change.target, x)
+    if new is not None and new.kind == "deceleration":
+        return "leaving"
+    old = lane_in(scenario, slot if change is None else change.target - change.side, x)
+    if old is None or is_free(old, x):
+        return None
+    return "lane-end" if change is None else "av-merges" if mover == 0 else "bv-merges"
 
 
 def _of_two_changes(av_changes: list[LaneChange], bv_changes: list[LaneChange]) -> str | None:

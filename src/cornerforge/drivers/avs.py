@@ -209,6 +209,9 @@ AVS: dict[str, AvModel] = {
                 "too-close": "follows with a time gap of 0.2 s",
                 "forgets": "drops a vehicle from its list 2 s after it came near",
                 "hesitates": "returns to its lane, without looking, when it has left it",
+                "merges-blind": "leaves a lane that ends without looking at the next one",
+                "stops-at-end": "stops where its lane ends, and waits there before it looks for a gap",
+                "blocks-mergers": "speeds up beside a vehicle whose lane ends, instead of letting it in",
             }.items()
         ),
     )

@@ -51,6 +51,18 @@ KINDS: dict[str, tuple[str, str]] = {
     "av-side": (
         "comes over into one beside it", "The AV changes lanes into the side of the vehicle beside it."
     ),
+    "av-merges": (
+        "merges into another's path", "The AV leaves a lane that ends and comes into the path of another vehicle."
+    ),
+    "bv-merges": (
+        "one merges into its path", "A vehicle leaves a lane that ends and comes into the path of the AV."
+    ),
+    "leaving": (
+        "where an exit leaves", "The AV or another vehicle comes into the path of the other in the lane of an exit."
+    ),
+    "lane-end": (
+        "where its lane ends", "The AV is where its lane ends, and neither came into the path of the other."
+    ),
     "other": ("another way", "The AV and another vehicle touch in a way that has no name here."),
 }  # fmt: skip
 """Mechanism (`analysis.mechanism`) -> a few words about the AV, and a sentence."""

@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.drivers.flawed import MERGES_BLIND, STOPS_AT_END
 from cornerforge.drivers.idm import free_acceleration, idm_acceleration
 from cornerforge.drivers.mobil import mobil_gain
-from cornerforge.road.lanes import has_lane, may_change, pace_at, side_to_leave
+from cornerforge.road.lanes import has_lane, may_change, pace_at, room_to_stop, side_to_leave
 from cornerforge.road.straight import ahead_by, gap, half_lengths, lane_of
 from cornerforge.sim.merging import accepts, braking_for_end, come_beside, relaxed, wish_of
 from cornerforge.sim.neighbours import neighbours_in_lane
 from cornerforge.sim.sight import lane_entered, lanes_seen
+from cornerforge.types import SUBSTEPS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -27,7 +29,12 @@ __all__ = ["av_decide", "lead_acceleration", "may_try", "merge", "must_give_way"
 
 CONFLICT_GAP = 10.0
 """Largest lengthwise gap [m] at which the AV gives way to a vehicle that enters its target lane from the far side."""
+WAITS = 5
+"""How long the AV that stops where its lane ends stands there before it looks for a gap [s]."""
+_STANDS = 0.5
+"""An AV that is slower than this stands [m/s]."""
 _SIDES = (1, -1)
+_MERGES_BLIND, _STOPS_AT_END = MERGES_BLIND, STOPS_AT_END
 
 
 @inlined_kernel
@@ -39,6 +46,16 @@ def may_try(v: NDArray[np.void], side: int, road: RoadNumbers) -> bool:
         return True
     wish = wish_of(v, 0, 1.0, road)
     return wish.urgency == 0.0 and (wish.left if side > 0 else wish.right) > 0.0
+
+
+@inlined_kernel
+def _has_waited(w: World) -> bool:
+    """Has the AV that stops where its lane ends stood there for `WAITS`? It notes since when (`alarmed`)."""
+    own, now = w.av[0], SUBSTEPS * w.state[0].decisions + 1
+    if own.alarmed == 0 and w.vehicles[0].speed < _STANDS:
+        own.alarmed = now
+    has_waited: bool = own.alarmed > 0 and now - own.alarmed >= WAITS * SUBSTEPS
+    return has_waited
 
 
 @kernel
@@ -66,9 +83,11 @@ def merge(w: World, command: float, lane: int, av: AvNumbers, road: RoadNumbers)
         lane = v[0].target_lane
         beside = lane + (1 if side_to_leave(v, 0, road)[0] > 0 else -1)
         wants = wish.left + wish.right > 0.0 and may_change(v, 0, beside, road)
-        if wants and accepts(w, 0, beside, wish.urgency, av.sight, road):
+        if av.flaw == _STOPS_AT_END and room_to_stop(v, 0, road) < np.inf:
+            wants = _has_waited(w) and wants
+        if wants and (av.flaw == _MERGES_BLIND or accepts(w, 0, beside, wish.urgency, av.sight, road)):
             lane = beside
-        elif has_lane(beside, v[0].x, road):
+        elif av.flaw != _MERGES_BLIND and has_lane(beside, v[0].x, road):
             least, most = come_beside(w, 0, beside, road)
             command = min(max(command, least) if command >= 0.0 else command, most)
     braking = braking_for_end(v, 0, road)

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.drivers.flawed import BLIND_SIDE, FORGETS, HESITATES, LATE, NOT_BEHIND
+from cornerforge.drivers.flawed import BLIND_SIDE, BLOCKS, FORGETS, HESITATES, LATE, MERGES_BLIND, NOT_BEHIND
 from cornerforge.drivers.idm import free_acceleration, idm_acceleration
 from cornerforge.drivers.mobil import mobil_gain
+from cornerforge.road.lanes import side_to_leave_lane
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.av import may_try, must_give_way
 from cornerforge.sim.neighbours import SIGHT
@@ -34,8 +35,11 @@ NOTICES = 100.0
 """Distance along the road, ahead or behind, within which the AV knows of other vehicles [m]."""
 BEYOND = 1.3
 """How far beyond the line its centre is when the hesitating AV turns back [m]: its body has left the old lane."""
+BLOCKED = 40.0
+"""Distance ahead up to which the AV that blocks closes the gap to a vehicle that must come over [m]."""
 _SIDES = (1, -1)
 _LATE, _NOT_BEHIND, _BLIND_SIDE, _FORGETS, _HESITATES = LATE, NOT_BEHIND, BLIND_SIDE, FORGETS, HESITATES
+_MERGES_BLIND, _BLOCKS = MERGES_BLIND, BLOCKS
 
 
 @inlined_kernel
@@ -53,7 +57,28 @@ def _notice(w: World, now: int, av: AvNumbers) -> None:
 
 
 @inlined_kernel
-def _overlooks(w: World, j: int, now: int, av: AvNumbers) -> bool:
+def _must_come_over(w: World, j: int, road: RoadNumbers) -> bool:
+    """Is vehicle j, by its centre, in a lane beside the AV's that it must leave to the AV's?"""
+    v = w.vehicles
+    lane = lane_of(v[j].y, road.lane_width)
+    aside = v[0].target_lane - lane
+    must: bool = road.lanes.varied and abs(aside) == 1 and side_to_leave_lane(v, j, lane, road)[0] == aside
+    return must
+
+
+@inlined_kernel
+def _is_to_be_blocked(w: World, road: RoadNumbers) -> bool:
+    """Is a vehicle within `BLOCKED` ahead of the AV that must come over into its lane?"""
+    v = w.vehicles
+    for k in range(w.state[0].n_current):
+        j = w.current[k]
+        if j > 0 and 0.0 < ahead_by(v, 0, j) < BLOCKED and _must_come_over(w, j, road):
+            return True
+    return False
+
+
+@inlined_kernel
+def _overlooks(w: World, j: int, now: int, road: RoadNumbers, av: AvNumbers) -> bool:
     """Does the AV overlook vehicle j?"""
     v = w.vehicles
     overlooked = False
@@ -65,6 +90,8 @@ def _overlooks(w: World, j: int, now: int, av: AvNumbers) -> bool:
         overlooked = v[j].y - v[0].y > LEFT
     elif av.flaw == _FORGETS:
         overlooked = w.noticed[j] > 0 and (now - w.noticed[j]) * FRAME_S > REMEMBERS
+    elif av.flaw == _BLOCKS:
+        overlooked = _must_come_over(w, j, road)
     return overlooked
 
 
@@ -78,7 +105,7 @@ def _gaps(w: World, lane: int, now: int, road: RoadNumbers, av: AvNumbers) -> tu
     for k in range(w.state[0].n_current):
         j = w.current[k]
         dx = ahead_by(v, 0, j)
-        if j == 0 or dx > best_lead or -dx > best_rear or _overlooks(w, j, now, av):
+        if j == 0 or dx > best_lead or -dx > best_rear or _overlooks(w, j, now, road, av):
             continue
         if lanes_seen(v, j, road.lane_width, av.sight) & (1 << lane) == 0:
             continue
@@ -113,6 +140,8 @@ def flawed(w: World, substep: int, road: RoadNumbers, av: AvNumbers, _scratch: A
     if av.flaw == _FORGETS or av.flaw == _LATE:
         _notice(w, now, av)
     command = free_acceleration(speed, av.idm)
+    if av.flaw == _BLOCKS and _is_to_be_blocked(w, road):
+        command = av.idm.max_acceleration
     for lane in range(road.n_lanes):
         if v[0].lanes & (1 << lane):
             room, lead_speed, _, _ = _gaps(w, lane, now, road, av)
@@ -123,7 +152,8 @@ def flawed(w: World, substep: int, road: RoadNumbers, av: AvNumbers, _scratch: A
         if av.flaw == _HESITATES:
             old = _old_lane(w, road)
             return command, old if old >= 0 else target
-        if av.flaw != _BLIND_SIDE and must_give_way(w, road, av.sight):
+        looks = av.flaw != _BLIND_SIDE and not (av.flaw == _MERGES_BLIND and road.lanes.varied)
+        if looks and must_give_way(w, road, av.sight):
             return command, lane_of(v[0].y, road.lane_width)
         return command, target
     best_gain, best_lane = av.mobil.min_gain, target

@@ -121,7 +121,7 @@ AV = _record(
     ("controls", f"({2 * SUBSTEPS},)f8", "the answer of a program that steers: acceleration [m/s2] and"
         " curvature [1/m] for each tenth of a second until it answers again"),
     ("alarmed", "i8", "when a reference driver saw the danger that it reacts to, in tenths of a second since the start"
-        " plus 1; 0: it reacts to none"),
+        " plus 1; 0: it reacts to none; or since when an AV stands that stops where its lane ends"),
 )  # fmt: skip
 """What a world knows of its AV besides its motion."""
 
