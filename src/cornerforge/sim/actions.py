@@ -12,6 +12,7 @@ from cornerforge.road.straight import begin_along, lane_centre
 from cornerforge.sim.braking import acceleration_of, last_to_stop
 from cornerforge.sim.merging import suitable_accelerations
 from cornerforge.sim.motion import path_of
+from cornerforge.sim.neighbours import rank_of
 from cornerforge.types import (
     ACCELERATION_STEP,
     ACCELERATIONS,
@@ -137,5 +138,7 @@ def apply_action(w: World, i: int, action: int, accelerations: NDArray[np.float6
         start_lane_change(w, i, target, road)
     command = 0.0
     if road.stops:
-        command = max(LOWEST_COMMAND, min(0.0, suitable_accelerations(w, i, last_to_stop(w, road), road)[1]))
+        command = max(
+            LOWEST_COMMAND, min(0.0, suitable_accelerations(w, rank_of(w, i), last_to_stop(w, road), road)[1])
+        )
     hold(v, i, command, road)

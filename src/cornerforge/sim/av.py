@@ -10,7 +10,7 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.drivers.flawed import MERGES_BLIND, STOPS_AT_END
 from cornerforge.drivers.idm import free_acceleration, idm_acceleration
 from cornerforge.drivers.mobil import mobil_gain
-from cornerforge.road.lanes import has_lane, may_change, pace_at, room_to_stop, side_to_leave
+from cornerforge.road.lanes import has_lane, may_change, on_a_ramp, pace_at, room_to_stop, side_to_leave, takes_exit
 from cornerforge.road.straight import ahead_by, gap, half_lengths, lane_of
 from cornerforge.sim.merging import accepts, braking_for_end, come_beside, relaxed, wish_of
 from cornerforge.sim.neighbours import neighbours_in_lane
@@ -25,7 +25,9 @@ if TYPE_CHECKING:
     from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.world import World
 
-__all__ = ["av_decide", "lead_acceleration", "may_try", "merge", "must_give_way", "side_gain"]
+__all__ = [
+    "av_decide", "drives_by_its_law", "lead_acceleration", "may_try", "merge", "must_give_way", "side_gain",
+]  # fmt: skip
 
 CONFLICT_GAP = 10.0
 """Largest lengthwise gap [m] at which the AV gives way to a vehicle that enters its target lane from the far side."""
@@ -58,6 +60,15 @@ def _has_waited(w: World) -> bool:
     return has_waited
 
 
+@inlined_kernel
+def drives_by_its_law(v: NDArray[np.void], command: float, road: RoadNumbers) -> bool:
+    """Is there nothing for `merge` to do: does the AV's lane go on, without a limit, and does it hardly brake?"""
+    if not road.lanes.varied and road.lanes.pace.shape[1] == 0:
+        return True
+    goes_on = (road.lanes.go_on >> v[0].target_lane) & 1 and not takes_exit(v, 0)
+    return bool(goes_on and command >= -1.0 and pace_at(v, 0, road) == 1.0)
+
+
 @kernel
 def merge(w: World, command: float, lane: int, av: AvNumbers, road: RoadNumbers) -> tuple[float, int]:
     """Let a built-in AV do on a road of which its law knows nothing: where lanes end, and limits change.
@@ -72,16 +83,16 @@ def merge(w: World, command: float, lane: int, av: AvNumbers, road: RoadNumbers)
         road: Constants.
     """
     v = w.vehicles
+    if road.lanes.varied:
+        command = relaxed(w, 0, command, av.sight, road)
     pace = pace_at(v, 0, road)
     if pace < 1.0:
         command = min(command, free_acceleration(v[0].speed / pace, av.idm))
-    if not road.lanes.varied:
-        return command, lane
-    wish = wish_of(v, 0, 0.0, road)
-    command = relaxed(w, 0, command, av.sight, road)
-    if v[0].duration == 0.0 and wish.urgency > 0.0:
+    side, urgency = side_to_leave(v, 0, road)
+    if v[0].duration == 0.0 and urgency > 0.0 and not on_a_ramp(v[0].target_lane, v[0].x, road):
+        wish = wish_of(v, 0, 0.0, road)
         lane = v[0].target_lane
-        beside = lane + (1 if side_to_leave(v, 0, road)[0] > 0 else -1)
+        beside = lane + (1 if side > 0 else -1)
         wants = wish.left + wish.right > 0.0 and may_change(v, 0, beside, road)
         if av.flaw == _STOPS_AT_END and room_to_stop(v, 0, road) < np.inf:
             wants = _has_waited(w) and wants

@@ -18,7 +18,15 @@ from cornerforge.drivers.policy import best_action, q_values
 from cornerforge.drivers.rss import rss_braking, rss_distance
 from cornerforge.road.lanes import may_change
 from cornerforge.road.straight import ahead_by, gap, half_lengths, half_widths, lane_of
-from cornerforge.sim.av import av_decide, lead_acceleration, may_try, merge, must_give_way, side_gain
+from cornerforge.sim.av import (
+    av_decide,
+    drives_by_its_law,
+    lead_acceleration,
+    may_try,
+    merge,
+    must_give_way,
+    side_gain,
+)
 from cornerforge.sim.av_features import DECIDES_EVERY, av_order, look_as_av
 from cornerforge.sim.av_flawed import flawed
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane
@@ -266,5 +274,4 @@ def built_in_av_decides(w: World, substep: int, road: RoadNumbers, av: AvNumbers
         s: Scratch.
     """
     command, lane = av_decide(w, road, av) if av.kind == _PLAIN else _decides_otherwise(w, substep, road, av, s)
-    adapts = road.lanes.varied or road.lanes.pace.shape[1] > 0
-    return merge(w, command, lane, av, road) if adapts else (command, lane)
+    return (command, lane) if drives_by_its_law(w.vehicles, command, road) else merge(w, command, lane, av, road)

@@ -24,7 +24,7 @@ from cornerforge.road.lanes import (
 )
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.braking import STANDS_BEHIND, braking_behind, braking_within, safely_behind
-from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, rank_of
+from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -70,6 +70,8 @@ _SLOWER = 5.0
 """A vehicle that is slower by more than this is not let in, and no free way [m/s]."""
 _LEFT_AFTER = 0.7
 """Part of a lane change after which the body is out of the old lane."""
+_SOFT = 1.0
+"""Braking that a near lead alone may cause [m/s2]."""
 _STOPS_WITH = 3.4
 """Drivers that must stop wait to brake as long as this is enough a second later [m/s2], and look for a gap."""
 _ANTICIPATES = 0.3
@@ -187,6 +189,8 @@ def relaxed(w: World, i: int, command: float, sight: SightNumbers, road: RoadNum
     An IDM brakes at once as hard as it can for the gap that it would like, and a merge leaves a shorter one. Kesting,
     Treiber and Helbing (2010) let it brake by what the motion of both demands instead; so here, twice that and 1 m/s2.
     """
+    if command >= -_SOFT:
+        return command
     v = w.vehicles
     softest = 0.0
     for lane in range(road.n_lanes):
@@ -195,8 +199,8 @@ def relaxed(w: World, i: int, command: float, sight: SightNumbers, road: RoadNum
             if j >= 0:
                 closing = max(v[i].speed - v[j].speed, 0.0)
                 needed = closing * closing / (2.0 * max(gap(v, i, j) - _ACCEPTS_GAP, 0.5))
-                softest = min(softest, -1.0 - 2.0 * needed + min(v[j].acceleration, 0.0))
-    return max(command, softest)
+                softest = min(softest, -_SOFT - 2.0 * needed + min(v[j].acceleration, 0.0))
+    return max(command, softest) if softest < 0.0 else command
 
 
 @inlined_kernel
@@ -206,13 +210,14 @@ def braking_for_end(v: NDArray[np.void], i: int, road: RoadNumbers) -> float:
 
 
 @inlined_kernel
-def suitable_accelerations(w: World, i: int, last: int, road: RoadNumbers) -> tuple[float, float]:
-    """Find the accelerations between which vehicle i drives where traffic stops [m/s2]; -inf, inf: any.
+def suitable_accelerations(w: World, rank: int, last: int, road: RoadNumbers) -> tuple[float, float]:
+    """Find the accelerations between which the vehicle at a rank drives where traffic stops [m/s2]; -inf, inf: any.
 
     It brakes to stop at the end of its lane and behind what stops, and for what comes into its lane. One that must
     leave its lane falls back behind the vehicle beside it in the next lane, or draws away from it. The calmer half make
     room for those that must come over. `order` is sorted; `last`: `braking.last_to_stop`.
     """
+    i = w.order[rank]
     v = w.vehicles
     least, most = -np.inf, np.inf
     side, _ = side_to_leave(v, i, road)
@@ -222,10 +227,10 @@ def suitable_accelerations(w: World, i: int, last: int, road: RoadNumbers) -> tu
     braking = braking_for_end(v, i, road)
     unled, queued = v[i].lanes, 0.0
     aside = _LET_IN_TIME * v[i].speed + road.longest if lets_in else 0.0
-    for rank in range(rank_of(w, i) + 1, w.state[0].n_vehicles):
-        j = w.order[rank]
+    for other in range(rank + 1, w.state[0].n_vehicles):
+        j = w.order[other]
         ahead = ahead_by(v, i, j)
-        if ahead >= SIGHT or (rank > last and unled == 0 and ahead > aside):
+        if ahead >= SIGHT or (other > last and unled == 0 and ahead > aside):
             break
         if v[j].present == 0:
             continue

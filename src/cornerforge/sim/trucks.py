@@ -13,6 +13,7 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.sim.actions import nearest_action
 from cornerforge.sim.braking import last_to_stop
 from cornerforge.sim.merging import suitable_accelerations
+from cornerforge.sim.neighbours import rank_of
 from cornerforge.types import ACCELERATIONS, CLASSES, FIRST_ACCELERATION, N_ACTIONS, TRUCK
 
 if TYPE_CHECKING:
@@ -28,16 +29,17 @@ _NONE = -math.inf
 
 
 @inlined_kernel
-def _possible(w: World, i: int, last: int, road: RoadNumbers) -> tuple[int, int]:
-    """Do the same as `possible_actions`; `last`: `braking.last_to_stop`."""
+def _possible(w: World, rank: int, last: int, road: RoadNumbers) -> tuple[int, int]:
+    """Do the same as `possible_actions` for the vehicle at a rank; `last`: `braking.last_to_stop`."""
     v = w.vehicles
+    i = w.order[rank]
     hardest, strongest = FIRST_ACCELERATION, N_ACTIONS - 1
     if not road.one_size and v[i].kind == TRUCK:
         hardest, strongest = _HARDEST, nearest_action(0.0)
         if v[i].speed < _TOP_SPEED:
             strongest = nearest_action(_POWER / max(v[i].speed, _LEAST_SPEED) - _RESISTANCE)
     if road.stops:
-        least, most = suitable_accelerations(w, i, last, road)
+        least, most = suitable_accelerations(w, rank, last, road)
         if least > _NONE:
             hardest = min(strongest, nearest_action(least))
         if most < -_NONE:
@@ -52,7 +54,7 @@ def possible_actions(w: World, i: int, road: RoadNumbers) -> tuple[int, int]:
     Of classes only trucks have limits. What the engine's power allows is rounded to the nearest step; from its top
     speed on a truck does not accelerate. Where traffic stops see `suitable_accelerations`.
     """
-    return _possible(w, i, last_to_stop(w, road), road)
+    return _possible(w, rank_of(w, i), last_to_stop(w, road), road)
 
 
 @inlined_kernel
@@ -69,7 +71,8 @@ def cut_all(w: World, controlled: int, road: RoadNumbers) -> None:
     """Cut the actions of all BVs to what they can do, but that of the controlled one and of those that look away."""
     v = w.vehicles
     last = last_to_stop(w, road)
-    for i in range(1, w.state[0].n_vehicles):
-        if i != controlled and v[i].away == 0 and v[i].action >= FIRST_ACCELERATION:
-            hardest, strongest = _possible(w, i, last, road)
+    for rank in range(w.state[0].n_vehicles):
+        i = w.order[rank]
+        if i > 0 and i != controlled and v[i].away == 0 and v[i].action >= FIRST_ACCELERATION:
+            hardest, strongest = _possible(w, rank, last, road)
             v[i].action = max(hardest, min(strongest, v[i].action))
