@@ -64,7 +64,7 @@ demo: $(RUN) ## find, sort and report corner cases of a built-in AV, and of one 
 	@$(BIN)/cornerforge report $(OUT)-flawed --out $(OUT)-flawed/page
 	@echo "The reports (open them in a browser): $(OUT)/report.html, and of an AV with a flaw $(OUT)-flawed/page/report.html"
 
-gallery: $(BROWSER) $(WEB) demo ## make the pictures of README and docs, and a gallery of twelve filmed cases: docs/gallery.md
+gallery: $(BROWSER) $(WEB) demo ## make the pictures of README and docs, and a gallery of sixteen filmed cases: docs/gallery.md
 	@$(BIN)/python supply/gallery.py --demo $(OUT)
 
 test: kernels ## run the default tests and the examples in docstrings, within minutes: offline, on the CPU, on all cores

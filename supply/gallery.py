@@ -1,6 +1,7 @@
-"""Pictures of README and docs, and a gallery: twelve cases of three AVs, filmed.
+"""Pictures of README and docs, and a gallery: sixteen cases of four AVs, filmed.
 
     .venv/bin/python supply/gallery.py --demo out/demo
+    .venv/bin/python supply/gallery.py --only ramp queue
 
 Fills out/gallery with libraries and their analyses (what the same code left there stays; what other code left is
 refused: remove it), and writes films, three stills, docs/gallery.md, and pictures of the pages of the demo.
@@ -17,6 +18,7 @@ import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from imageio_ffmpeg import get_ffmpeg_exe
 
@@ -30,18 +32,26 @@ from cornerforge.report.text import capital
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, PLACE = ROOT / "docs" / "gallery.md", ROOT / "docs" / "gallery"
 AVS = {
-    "idm-mobil": ("a good driver", 2),
-    "flawed-brakes-late": ("brakes late, on purpose", 1),
-    "flawed-not-behind": ("does not look behind when it changes lanes, on purpose", 1),
+    "idm-mobil": "a good driver",
+    "flawed-brakes-late": "brakes late, on purpose",
+    "flawed-not-behind": "does not look behind when it changes lanes, on purpose",
+    "flawed-merges-blind": "merges without a look, on purpose",
 }
-"""AV -> what it is, and how many cases of each origin are shown."""
+"""AV -> what it is."""
 ORIGINS = {
     "natural": "Natural traffic: nobody attacks.",
     "bounded": "A bounded adversary: it steers one vehicle within what drivers do, with a budget of 20 nats.",
     "free": "A free adversary: it steers one vehicle as physics allows.",
+    "ramp": "From a ramp: natural traffic where a lane ends.",
+    "queue": "The end of a queue: natural traffic that stops.",
 }
+ROADS: dict[str, dict[str, Any]] = {"ramp": {"road": "on-ramp", "task": "ramp"}, "queue": {"traffic": "queue"}}
+"""Origins on other roads and in other traffic than free one on the straight road."""
+SHOWN = {origin: {"idm-mobil": 2, "flawed-brakes-late": 1, "flawed-not-behind": 1} for origin in list(ORIGINS)[:3]}
+SHOWN |= {"ramp": {"idm-mobil": 1, "flawed-merges-blind": 1}, "queue": {"idm-mobil": 1, "flawed-brakes-late": 1}}
+"""How many cases of each origin and AV are shown."""
 PORT = 8158
-DECISIONS, CASES, NATURAL_TESTS, TREES = 600_000, 300, 4_000, 500_000
+DECISIONS, CASES, NATURAL_TESTS, RARE_TESTS, TREES = 600_000, 300, 4_000, 40_000, 500_000
 
 
 @dataclass(frozen=True)
@@ -68,8 +78,9 @@ def library_of(av: str, origin: str, folder: Path) -> Path:
         if not (place / "rate.json").exists():
             cornerforge.rate(av=av, out=place, method="splitting", max_tests=TREES, resume=True)
         return place / "weighted"
-    if origin == "natural":
-        cornerforge.simulate(av=av, tests=NATURAL_TESTS, out=place, resume=True)
+    if origin == "natural" or origin in ROADS:
+        tests = RARE_TESTS if av == "idm-mobil" else NATURAL_TESTS
+        cornerforge.simulate(av=av, tests=tests, out=place, resume=True, **ROADS.get(origin, {}))
         return place
     policy = folder / av / f"{origin}.safetensors"
     if not policy.exists():
@@ -91,18 +102,18 @@ def chosen(av: str, origin: str, library: Path, before: set[str]) -> list[Shown]
             continue
         kind = mechanism_of(cases.scenario(one["case_id"]).scenario).name
         found.setdefault(kind, Shown(av, origin, library, one["case_id"], capital(kind_in_words(kind)), one["text"]))
-    return list(found.values())[: AVS[av][1]]
+    return list(found.values())[: SHOWN[origin][av]]
 
 
 def card(shown: Shown) -> str:
     """Write a case as a part of the page."""
     place = shown.library.relative_to(ROOT)
-    key = "natural" if shown.origin == "natural" else "adversary"
+    key = "natural" if shown.origin == "natural" or shown.origin in ROADS else "adversary"
     return f"""### {shown.title}
 
 <video controls muted loop preload="metadata" width="100%" src="gallery/{shown.film}#t=3"></video>
 
-`{shown.av}`, {AVS[shown.av][0]}. {shown.text[0].upper()}{shown.text[1:]}.
+`{shown.av}`, {AVS[shown.av]}. {shown.text[0].upper()}{shown.text[1:]}.
 
 [Open it in the explorer](http://127.0.0.1:8157/#case={key}/{shown.case_id}) while `cornerforge serve {place}` runs.
 """
@@ -154,33 +165,37 @@ def main() -> None:
     """Make libraries, films, stills, pictures and the page."""
     options = argparse.ArgumentParser(description="Make the pictures of README and docs, and the gallery.")
     options.add_argument("--demo", type=Path, default=ROOT / "out" / "demo", help="folder that `make demo` filled")
-    demo, folder = options.parse_args().demo, ROOT / "out" / "gallery"
+    options.add_argument("--only", nargs="+", choices=ORIGINS, help="make these parts of the gallery alone, no pages")
+    given = options.parse_args()
+    folder, wanted = ROOT / "out" / "gallery", given.only or list(ORIGINS)
     all_shown: list[Shown] = []
-    for av in AVS:
-        for origin in ORIGINS:
+    for origin in wanted:
+        for av in SHOWN[origin]:
             print(f"{av}, {origin}", file=sys.stderr, flush=True)
             before = {one.case_id for one in all_shown if one.av == av}
             all_shown += chosen(av, origin, library_of(av, origin, folder), before)
     PLACE.mkdir(exist_ok=True)
     for old in PLACE.iterdir():
-        old.unlink()
+        if given.only is None or any(f"-{origin}-" in old.name or old.stem == origin for origin in wanted):
+            old.unlink()
     for shown in all_shown:
         print(f"film {shown.film}", file=sys.stderr, flush=True)
         write_film(shown, PLACE / shown.film)
-    for origin in ORIGINS:
+    for origin in wanted:
         write_still(next(one for one in all_shown if one.origin == origin), PLACE / f"{origin}.png")
-    parts = [
-        f"## {words.partition(':')[0]}\n\n{words}\n\n"
-        + "\n".join(card(one) for one in all_shown if one.origin == origin)
-        for origin, words in ORIGINS.items()
-    ]
+    parts = dict(part.split("\n", 1) for part in PAGE.read_text(encoding="utf-8").split("\n## ")[1:])
+    for origin in wanted:
+        title, words = ORIGINS[origin].partition(":")[0], ORIGINS[origin]
+        parts[title] = f"\n{words}\n\n" + "\n".join(card(one) for one in all_shown if one.origin == origin)
+    titles = [words.partition(":")[0] for words in ORIGINS.values()]
     PAGE.write_text(
-        "# Gallery\n\nTwelve cases of three AVs, chosen by the program: of each library the cases of most value, of "
-        "different kinds. The films are in real time and to scale, and stand at the contact. `make gallery` makes "
-        "the libraries, the films and this page.\n\n" + "\n".join(parts),
+        "# Gallery\n\nSixteen cases of four AVs, chosen by the program: of each library the cases of most value, of different "
+        "kinds. The films are in real time and to scale, and stand at the contact. `make gallery` makes the libraries, "
+        "the films and this page.\n" + "".join(f"\n## {title}\n{parts[title].rstrip()}\n" for title in titles),
         encoding="utf-8",
     )
-    write_screens(demo)
+    if given.only is None:
+        write_screens(given.demo)
     made = {"version": cornerforge.__version__, "traffic": model_hash(load_model(default_model_path()))}
     (PLACE / "made.json").write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
 

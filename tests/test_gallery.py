@@ -21,15 +21,15 @@ def test_the_pictures_are_of_today() -> None:
     )
 
 
-def test_twelve_cases_of_three_avs_and_three_origins_are_filmed() -> None:
-    films = re.findall(r'src="gallery/([a-z-]+)-(natural|bounded|free)-(\d+)\.webm', PAGE)
-    assert len(films) == len(set(films)) == 12
-    assert len({(av, origin) for av, origin, _ in films}) == 9
-    assert len({(av, test) for av, _, test in films}) == 12, "no test is shown twice"
+def test_sixteen_cases_of_four_avs_and_five_origins_are_filmed() -> None:
+    films = re.findall(r'src="gallery/([a-z-]+)-(natural|bounded|free|ramp|queue)-(\d+)\.webm', PAGE)
+    assert len(films) == len(set(films)) == 16
+    assert len({(av, origin) for av, origin, _ in films}) == 13
+    assert len({(av, test) for av, _, test in films}) == 16, "no test is shown twice"
     for parts in films:
         content = (PLACE / f"{'-'.join(parts)}.webm").read_bytes()
         assert content[:4] == b"\x1a\x45\xdf\xa3"  # EBML
         assert len(content) > 10_000
     assert {path.name for path in PLACE.iterdir()} == {f"{'-'.join(one)}.webm" for one in films} | {
-        "natural.png", "bounded.png", "free.png", "made.json",
+        "natural.png", "bounded.png", "free.png", "ramp.png", "queue.png", "made.json",
     }  # fmt: skip
