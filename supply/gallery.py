@@ -189,9 +189,10 @@ def main() -> None:
         parts[title] = f"\n{words}\n\n" + "\n".join(card(one) for one in all_shown if one.origin == origin)
     titles = [words.partition(":")[0] for words in ORIGINS.values()]
     PAGE.write_text(
-        "# Gallery\n\nSixteen cases of four AVs, chosen by the program: of each library the cases of most value, of different "
-        "kinds. The films are in real time and to scale, and stand at the contact. `make gallery` makes the libraries, "
-        "the films and this page.\n" + "".join(f"\n## {title}\n{parts[title].rstrip()}\n" for title in titles),
+        "# Gallery\n\nSixteen cases of four AVs, chosen by the program: of each library the cases of most value, of "
+        "different kinds. The films are in real time and to scale, and stand at the contact. `make gallery` makes "
+        "the libraries, the films and this page.\n"
+        + "".join(f"\n## {title}\n{parts[title].rstrip()}\n" for title in titles),
         encoding="utf-8",
     )
     if given.only is None:

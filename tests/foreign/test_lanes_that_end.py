@@ -178,6 +178,7 @@ def test_planners_of_others_refuse_it(av: str, package: str) -> None:
 @pytest.mark.usefixtures("in_memory", "here")
 def test_tests_in_which_the_av_left_the_road_are_counted() -> None:
     found = cornerforge.simulate(av="others:Keeps", road="on-ramp", task="ramp", tests=20, seed=2)
+    assert found.left_road is not None
     assert 15 < found.left_road <= 20 - found.av_crashes
     assert f"in {found.left_road} tests the AV left the road; " in simulate_text(found)
     assert cornerforge.simulate(road="on-ramp", task="ramp", tests=20, seed=2).left_road == 0

@@ -10,6 +10,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,13 @@ from folder_snapshot import snapshot
 import cornerforge
 from cornerforge._checksums import with_checksum
 from cornerforge.errors import FileFormatError, InputError, OutputError
+from cornerforge.experiment.setting import experiment
 from cornerforge.library import CaseLibrary
 from cornerforge.ndd import default_model_path, load_model, save_model
 from cornerforge.rates import binomial_interval
 from cornerforge.rates.monte_carlo import Block, MonteCarlo, relative_half_width
 from cornerforge.results import NaturalRate, as_json
+from cornerforge.world_options import WorldOptions
 
 pytestmark = pytest.mark.full
 
@@ -265,3 +268,15 @@ def test_the_text_for_people_names_what_dominates(world: dict[str, Any]) -> None
     nothing = replace(found, av_crashes=0, mechanism_rates={}, relative_half_width=None, bv_crashes_per_bv_mile=None)
     assert "no crash yet" in "\n".join(rate_lines(nothing))
     assert not [line for line in rate_lines(nothing) if "Mechanisms" in line]
+
+
+def test_where_traffic_stops_crashes_are_counted() -> None:
+    # trees would have to learn for hours what is dangerous there
+    why = importlib.import_module("cornerforge.verbs.rate")._why_counting
+    none_yet = SimpleNamespace(av_crashes=0, half_width=lambda: None)
+    stops: list[dict[str, Any]] = [{"traffic": "queue"}, {"traffic": "dense"}, {"road": "on-ramp"}]
+    flows: list[dict[str, Any]] = [{}, {"road": "curves"}]
+    for world in stops:
+        assert "learned anew" in why(experiment(WorldOptions(**world)), none_yet, 0.3)
+    for world in flows:
+        assert why(experiment(WorldOptions(**world)), none_yet, 0.3) is None

@@ -82,7 +82,9 @@ class Simulated(Rate):
     bv: Annotated[tuple[str, ...] | None, meant("How background vehicles drove: names or files.")] = None
     cases: Annotated[Whole | None, meant("Cases in the library; with `--out`.")] = None
     library: Annotated[str | None, meant("Folder of the library; with `--out`.")] = None
-    left_road: Annotated[Whole, meant("Tests that ended because the AV drove on where its lane had ended.")] = 0
+    left_road: Annotated[Whole | None, meant("Tests that ended because the AV drove on where its lane had ended.")] = (
+        None
+    )
 
 
 class CasesMade(Counted):

@@ -139,6 +139,6 @@ def apply_action(w: World, i: int, action: int, accelerations: NDArray[np.float6
     command = 0.0
     if road.stops:
         command = max(
-            LOWEST_COMMAND, min(0.0, suitable_accelerations(w, rank_of(w, i), last_to_stop(w, road), road)[1])
+            LOWEST_COMMAND, min(0.0, suitable_accelerations(w, i, rank_of(w, i), last_to_stop(w, road), road)[1])
         )
     hold(v, i, command, road)

@@ -210,14 +210,13 @@ def braking_for_end(v: NDArray[np.void], i: int, road: RoadNumbers) -> float:
 
 
 @inlined_kernel
-def suitable_accelerations(w: World, rank: int, last: int, road: RoadNumbers) -> tuple[float, float]:
-    """Find the accelerations between which the vehicle at a rank drives where traffic stops [m/s2]; -inf, inf: any.
+def suitable_accelerations(w: World, i: int, rank: int, last: int, road: RoadNumbers) -> tuple[float, float]:
+    """Find the accelerations between which vehicle i, at a rank, drives where traffic stops [m/s2]; -inf, inf: any.
 
     It brakes to stop at the end of its lane and behind what stops, and for what comes into its lane. One that must
     leave its lane falls back behind the vehicle beside it in the next lane, or draws away from it. The calmer half make
     room for those that must come over. `order` is sorted; `last`: `braking.last_to_stop`.
     """
-    i = w.order[rank]
     v = w.vehicles
     least, most = -np.inf, np.inf
     side, _ = side_to_leave(v, i, road)

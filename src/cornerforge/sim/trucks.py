@@ -29,17 +29,16 @@ _NONE = -math.inf
 
 
 @inlined_kernel
-def _possible(w: World, rank: int, last: int, road: RoadNumbers) -> tuple[int, int]:
-    """Do the same as `possible_actions` for the vehicle at a rank; `last`: `braking.last_to_stop`."""
+def _possible(w: World, i: int, rank: int, last: int, road: RoadNumbers) -> tuple[int, int]:
+    """Do the same as `possible_actions` for vehicle i, at a rank; `last`: `braking.last_to_stop`."""
     v = w.vehicles
-    i = w.order[rank]
     hardest, strongest = FIRST_ACCELERATION, N_ACTIONS - 1
     if not road.one_size and v[i].kind == TRUCK:
         hardest, strongest = _HARDEST, nearest_action(0.0)
         if v[i].speed < _TOP_SPEED:
             strongest = nearest_action(_POWER / max(v[i].speed, _LEAST_SPEED) - _RESISTANCE)
     if road.stops:
-        least, most = suitable_accelerations(w, rank, last, road)
+        least, most = suitable_accelerations(w, i, rank, last, road)
         if least > _NONE:
             hardest = min(strongest, nearest_action(least))
         if most < -_NONE:
@@ -54,7 +53,8 @@ def possible_actions(w: World, i: int, road: RoadNumbers) -> tuple[int, int]:
     Of classes only trucks have limits. What the engine's power allows is rounded to the nearest step; from its top
     speed on a truck does not accelerate. Where traffic stops see `suitable_accelerations`.
     """
-    return _possible(w, rank_of(w, i), last_to_stop(w, road), road)
+    rank = rank_of(w, i) if road.stops else 0  # else `order` need not be sorted
+    return _possible(w, i, rank, last_to_stop(w, road), road)
 
 
 @inlined_kernel
@@ -74,5 +74,5 @@ def cut_all(w: World, controlled: int, road: RoadNumbers) -> None:
     for rank in range(w.state[0].n_vehicles):
         i = w.order[rank]
         if i > 0 and i != controlled and v[i].away == 0 and v[i].action >= FIRST_ACCELERATION:
-            hardest, strongest = _possible(w, rank, last, road)
+            hardest, strongest = _possible(w, i, rank, last, road)
             v[i].action = max(hardest, min(strongest, v[i].action))
