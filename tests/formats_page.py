@@ -20,7 +20,7 @@ from cornerforge.library.manifest import Manifest, Shard, StoredFile
 from cornerforge.library.schema import SCHEMA_VERSION, RunIdentity
 from cornerforge.ndd.memory import Memory
 from cornerforge.ndd.model import SCHEMA_VERSION as MODEL_SCHEMA
-from cornerforge.ndd.model import TABLES, InitialState, NddModel
+from cornerforge.ndd.model import SLOW, TABLES, InitialState, NddModel
 from cornerforge.rates.monte_carlo import MonteCarlo
 
 __all__ = ["formats_markdown"]
@@ -115,7 +115,7 @@ Arrays, and `header`, JSON as text with `schema_version`, the numbers below, `pr
 the objects `memory` and `initial`. What the numbers mean stands at `NddModel`, `Memory` and `InitialState`
 ([design](design.md)). A model whose initial traffic can hardly be drawn is refused, too.
 """,
-    *_table(TABLES, "array"), "Numbers of the header:", "", *_numbers(NddModel), "Of `memory`:", "", *_numbers(Memory),
+    *_table((*TABLES, SLOW), "array"), "Numbers of the header:", "", *_numbers(NddModel), "Of `memory`:", "", *_numbers(Memory),
     "`near` + `far` + `habit` are at most 1. Of `initial`:", "", *_numbers(InitialState),
     "Each `..._low` is at most its `..._high`.", "",
 ]  # fmt: skip
