@@ -28,6 +28,7 @@ from cornerforge._words import few_digits
 from cornerforge.adversary.config import PRESETS
 from cornerforge.cli import app, main
 from cornerforge.cli.output import Bars, compiling_text, run_command
+from cornerforge.cli.start import _showing_once
 from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.policy import n_weights
 from cornerforge.errors import InputError
@@ -978,3 +979,10 @@ def test_a_run_into_a_place_with_a_colon_ends(tmp_path: Path, monkeypatch: pytes
     assert call(capsys, "run", "--out", "run-2026-11-22T10:30", "--quiet") == (0, "", "")
     assert call(capsys, "run", "--out", "run-2026-11-22T10:30", "--quiet", "--resume") == (0, "", "")
     assert Path("run-2026-11-22T10:30/report.html").stat().st_size > 100_000
+
+
+def test_a_warning_is_shown_once(capsys: Capture) -> None:
+    show = _showing_once()
+    for text in ("Road: far.", "Road: far.", "Traffic is dense."):
+        show(UserWarning(text), UserWarning, "file.py", 1)
+    assert capsys.readouterr().err == "Warning: Road: far.\nWarning: Traffic is dense.\n"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from math import inf
 from pathlib import Path
 
@@ -74,6 +74,15 @@ def test_an_av_is_told_in_plain_json(name: str, task: str) -> None:
     text = json.dumps(context.stated(), allow_nan=False)
     assert AvContext.of_stated(json.loads(text)) == context
     assert json.loads(text)["task"] == task
+
+
+def test_limits_are_told() -> None:
+    _, context = context_on("work-zone")
+    assert {(one.slot, one.limit) for one in context.lanes if one.begin < 600.0 < one.end} == {(0, 22.2), (1, 22.2)}
+    assert {one.limit for one in context_on("on-ramp")[1].lanes} == {33.3}
+    road = road_named("lane-drop")
+    free = replace(road, lanes=tuple(replace(lane, limit=None) for lane in road.lanes))
+    assert {one.limit for one in context_of(odd_on(Odd(), free), batch=1, seed=0).lanes} == {inf}
 
 
 @pytest.mark.parametrize("odd", [Odd(), context_on("straight")[0], context_on("curves")[0]])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import traceback
 import warnings
+from collections.abc import Callable
 from typing import Any
 
 import typer
@@ -36,8 +37,17 @@ def _usage_message(error: Any) -> str:
     return f"{' '.join(error.format_message().split())} (see: {path} --help)"
 
 
-def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    typer.echo(f"Warning: {one_line(str(message))}", err=True)
+def _showing_once() -> Callable[..., None]:
+    """Make a display of warnings that shows no text twice: a command of many stages asks for the same world often."""
+    told = set[str]()
+
+    def show(message: Warning | str, *_: object, **__: object) -> None:
+        text = one_line(str(message))
+        if text not in told:
+            told.add(text)
+            typer.echo(f"Warning: {text}", err=True)
+
+    return show
 
 
 def _complain(message: object, *, debug: bool) -> int:
@@ -87,7 +97,7 @@ def _run(given: list[str], call: Call) -> int:
 
     usage_error: type[Exception] = typer.BadParameter.__mro__[1]  # Typer offers its base class under no name
     with warnings.catch_warnings():
-        warnings.showwarning = _show_warning
+        warnings.showwarning = _showing_once()
         try:
             _check_words(given)
             status = app(args=given, prog_name="cornerforge", standalone_mode=False)

@@ -40,6 +40,7 @@ class RoadLane:
         kind: "through", "acceleration", "deceleration", or "ramp", which no vehicle may change into or out of.
         begin, end: From where to where it is there; -inf, inf: to the road's ends.
         leave_by: Where the AV, by its task, must have left it and the lanes that follow; inf: nowhere.
+        limit: Speed limit [m/s]; inf: none is known.
     """
 
     slot: int
@@ -47,6 +48,7 @@ class RoadLane:
     begin: float = -inf
     end: float = inf
     leave_by: float = inf
+    limit: float = inf
 
 
 @dataclass(frozen=True)

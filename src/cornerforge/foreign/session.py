@@ -66,7 +66,8 @@ def _lanes_told(odd: Odd) -> tuple[RoadLane, ...]:
         if lane.kind != "closed":
             by = next(by for begin, end, by, _ in table.stretches[lane.slot].tolist() if begin <= lane.begin < end)
             by = inf if odd.task == "exit" and lane.slot == table.exit_slot else by - start
-            told.append(RoadLane(lane.slot, lane.kind, lane.begin - start, lane.end - start, by))
+            limit = inf if lane.limit is None else lane.limit
+            told.append(RoadLane(lane.slot, lane.kind, lane.begin - start, lane.end - start, by, limit))
     return tuple(told)
 
 
