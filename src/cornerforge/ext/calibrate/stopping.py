@@ -21,7 +21,17 @@ from cornerforge.intervals import binomial_interval
 from cornerforge.results.validation import FactFound
 from cornerforge.road.lanes import lanes_of
 from cornerforge.road.straight import along
-from cornerforge.sim import OVER, World, advance, allocate_scratch, allocate_worlds, keep_nothing, reset_world, world_of
+from cornerforge.sim import (
+    OVER,
+    World,
+    advance,
+    allocate_scratch,
+    allocate_worlds,
+    keep_nothing,
+    reset_world,
+    warn_of_left_out,
+    world_of,
+)
 from cornerforge.types import Odd
 
 __all__ = ["compare_merges", "compare_queues"]
@@ -51,6 +61,7 @@ def _driven(run: Experiment, odd: Odd, seed: int, seconds: range) -> Iterator[tu
             if advance(world, setting, scratch, keep_nothing(moved.slots), second) == OVER:
                 break
             yield test % _BLOCKS, world
+    warn_of_left_out(scratch)
 
 
 def _gaps(world: World, n_lanes: int) -> Floats:
