@@ -202,22 +202,17 @@ class Odd:
         check_fields(self, "odd.", but=("max_jerk",) if self.max_jerk == math.inf else ())
         check_number("odd.av_start", self.av_start, low=0.0, high=self.traffic_length, unit="m")
         check_number("odd.motorcycle_share", self.motorcycle_share, low=0.0, high=1.0 - 2.0 * self.truck_share)
+        check_in("odd.traffic", self.traffic, tuple(TRAFFIC))
+        if self.traffic == "queue":
+            least = self.av_start + QUEUE_TO
+            check_number("odd.traffic_length, for a queue,", self.traffic_length, low=least, high=5000.0, unit="m")
         self._check_road()
         for one in fields(self):
             if isinstance(one.default, float):  # kernels would be compiled once more for a whole number
                 object.__setattr__(self, one.name, float(getattr(self, one.name)))
 
     def _check_road(self) -> None:
-        if self.traffic == "queue":
-            check_number(
-                "odd.traffic_length, for a queue,",
-                self.traffic_length,
-                low=self.av_start + QUEUE_TO,
-                high=5000.0,
-                unit="m",
-            )
         check_in("odd.task", self.task, ("through", "ramp", "exit"))
-        check_in("odd.traffic", self.traffic, tuple(TRAFFIC))
         if self.road is None:
             if self.task != "through":
                 raise InputError(

@@ -203,3 +203,10 @@ def test_a_test_track_is_taken_piece_by_piece_or_refused_by_name() -> None:
     assert lanes_of(road)[0] == (0, 68.2, 137.5, "through")
     with pytest.raises(DataError, match=r"mcity.net.xml.gz, line \d+: edge EG_12_1_1: the road is 6 m long"):
         road_of_sumo(MCITY, edges="EG_12_1_1")
+
+
+def test_a_network_without_edges_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "none.net.xml"
+    path.write_text('<net version="1.20"/>', encoding="utf-8")
+    with pytest.raises(CornerForgeError, match=r"none\.net\.xml has no edge that cars may use"):
+        road_of_sumo(path)

@@ -166,6 +166,25 @@ def _check_av(spec: AvSpec, *, takes_foreign: bool, takes_recorded: bool) -> Non
         )
 
 
+def _check_model(ndd: NddModel, model: object, road: Odd, *, bounded: bool) -> None:
+    """Check that a model knows what it is asked for; `model` is how the user named it.
+
+    Raises:
+        InputError: It knows no traffic that stops, or calls nothing impossible.
+    """
+    if road.traffic != "free" and ndd.slow is None:
+        raise InputError(
+            f"The model {model_hash(ndd)} knows no traffic that stops, so traffic = {road.traffic!r} cannot be driven; "
+            "fit one with: cornerforge ndd fit, or leave out --traffic."
+        )
+    if bounded and (ndd.following > 0.0).all() and (ndd.free > 0.0).all():
+        named = model_hash(ndd) if model is ndd else model
+        raise InputError(
+            f"The model {named} calls no acceleration impossible anywhere, so bounded would exclude nothing; fit one "
+            "with: cornerforge ndd fit (it cuts what lies beyond its spread to 0), or leave out --bounded."
+        )
+
+
 def experiment(
     world: WorldOptions | None = None,
     *,
@@ -208,11 +227,6 @@ def experiment(
     budget = check_budget(budget, bounded=bounded)
     if budget is None and world.budget_of != BUDGETS[0]:
         raise InputError(f"budget_of = {world.budget_of!r} says what a budget limits; give the budget too.")
-    if road.traffic != "free" and ndd.slow is None:
-        raise InputError(
-            f"The model {model_hash(ndd)} knows no traffic that stops, so traffic = {road.traffic!r} cannot be driven; "
-            "fit one with: cornerforge ndd fit, or leave out --traffic."
-        )
     known = ("nde", "idm", *(name for name in controllers.ADVERSARIES if name not in ("nobody", "policy")))
     names = [str(name) for name in ([bv] if isinstance(bv, (str, Path)) else bv)]
     if not names:
@@ -234,12 +248,7 @@ def experiment(
     elif driver in ("nde", "idm") and (bounded or world.steer_from):
         what = "bounded" if bounded else "steer_from"
         raise InputError(f"{what} needs an adversary; {driver} has none. Train one with: cornerforge train --bounded")
-    if bounded and (ndd.following > 0.0).all() and (ndd.free > 0.0).all():
-        named = model_hash(ndd) if model is ndd else model
-        raise InputError(
-            f"The model {named} calls no acceleration impossible anywhere, so bounded would exclude nothing; fit one "
-            "with: cornerforge ndd fit (it cuts what lies beyond its spread to 0), or leave out --bounded."
-        )
+    _check_model(ndd, model, road, bounded=bounded)
     temperature = temperature_of(acting, policies)
     if temperature > 0.0 and not policies:
         raise InputError(f"acting = {acting!r} needs a policy; {driver} has its own way. Give a policy file.")

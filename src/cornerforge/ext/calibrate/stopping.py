@@ -16,7 +16,7 @@ from cornerforge.ext.calibrate.free_running import on_road
 from cornerforge.ext.calibrate.judging import judged, spread
 from cornerforge.ext.calibrate.lane_observations import transitions_of
 from cornerforge.ext.calibrate.readers import Reading
-from cornerforge.ext.calibrate.transitions import ALLOWED, HARDLY, chance_of
+from cornerforge.ext.calibrate.transitions import HARDLY, chance_of, rarities
 from cornerforge.intervals import binomial_interval
 from cornerforge.results.validation import FactFound
 from cornerforge.road.lanes import lanes_of
@@ -170,14 +170,6 @@ def compare_merges(
         chances = np.array(
             [chance_of(one, setting, lane=lane.slot, at=middle) for one in every if one.lane == outer and one.to_left]
         )
-        if chances.size:
-            rare = int((chances < HARDLY).sum())
-            rows.append(
-                judged(
-                    rare / chances.size, (0.0, ALLOWED), theme="merging", when=name, unit="", published=None,
-                    fact=f"share of lane changes out of the outermost lane that are of probability below {HARDLY:g}",
-                    source="recorded: all of them happened", n=chances.size,
-                    interval95=binomial_interval(rare, chances.size),
-                )
-            )  # fmt: skip
+        fact = f"share of lane changes out of the outermost lane that are of probability below {HARDLY:g}"
+        rows += rarities(chances, "merging", name, fact)
     return rows

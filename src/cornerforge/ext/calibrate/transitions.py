@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.ext.calibrate.judging import judged
@@ -16,7 +17,7 @@ from cornerforge.road.straight import along, lane_centre
 from cornerforge.sim import Setting, World, all_current, allocate_worlds, chances, outcome, world_of
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, N_ACTIONS
 
-__all__ = ["ALLOWED", "HARDLY", "chance_of", "compare_transitions"]
+__all__ = ["HARDLY", "chance_of", "compare_transitions", "rarities"]
 
 ALLOWED = 0.10
 """Largest share of transitions that hardly ever happen."""
@@ -67,6 +68,22 @@ def chance_of(transition: Transition, setting: Setting, *, lane: int = _OWN_LANE
     return float(p[ACTION_LEFT if transition.to_left else ACTION_RIGHT])
 
 
+def rarities(found: NDArray[np.float64], theme: str, when: str, fact: str) -> list[FactFound]:
+    """Judge which share of recorded changes, whose probabilities are `found`, hardly ever happens; no row without any.
+
+    The interval is the exact binomial one.
+    """
+    if found.size == 0:
+        return []
+    rare = int((found < HARDLY).sum())
+    return [
+        judged(
+            rare / found.size, (0.0, ALLOWED), theme=theme, when=when, unit="", published=None, fact=fact,
+            source="recorded: all of them happened", n=found.size, interval95=binomial_interval(rare, found.size),
+        )
+    ]  # fmt: skip
+
+
 def compare_transitions(run: Experiment, names: Sequence[str], readings: Sequence[Reading]) -> list[FactFound]:
     """Compare the share of recorded lane changes that the model hardly ever makes with the allowed one, file by file.
 
@@ -77,18 +94,9 @@ def compare_transitions(run: Experiment, names: Sequence[str], readings: Sequenc
         run: The experiment, on a road of at least three lanes.
         names, readings: The files.
     """
-    rows = []
+    rows: list[FactFound] = []
     for name, reading in zip(names, readings, strict=True):
         found = np.array([chance_of(one, run.setting) for one in transitions_of(reading) or ()])
-        if found.size == 0:
-            continue
-        rare = int((found < HARDLY).sum())
-        rows.append(
-            judged(
-                rare / found.size, (0.0, ALLOWED), theme="transitions", when=name, unit="", published=None,
-                fact=f"share of lane changes of probability below {HARDLY:g}, {START_BEFORE:g} s before the crossing",
-                source="recorded: all of them happened", n=found.size,
-                interval95=binomial_interval(rare, found.size),
-            )
-        )  # fmt: skip
+        fact = f"share of lane changes of probability below {HARDLY:g}, {START_BEFORE:g} s before the crossing"
+        rows += rarities(found, "transitions", name, fact)
     return rows

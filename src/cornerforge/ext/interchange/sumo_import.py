@@ -52,6 +52,8 @@ def road_of_sumo(path: Path, *, edges: str | None = None, begin: float = 0.0, en
         FileFormatError, DataError: It is damaged, or holds what cannot be represented; with the line.
     """
     net = read_sumo(path)
+    if not net.edges:
+        raise InputError(f"{path.name} has no edge that cars may use.")
     names = _longest(net) if edges is None else edges.replace(",", " ").split()
     if not names or not net.edges.keys() >= set(names):
         lacks = next((name for name in names if name not in net.edges), "")[:40]
