@@ -19,6 +19,7 @@ from edited_files import edit_object
 from reference.records import CaseRecord, append, case_record
 
 from cornerforge.errors import FileFormatError, InputError, OutputError, UnknownNameError
+from cornerforge.experiment.roads import odd_on, road_named
 from cornerforge.library import CaseLibrary, DamagedShardWarning
 from cornerforge.library.manifest import read_manifest
 from cornerforge.library.shards import ShardReader
@@ -162,6 +163,18 @@ def test_death_in_any_write_loses_only_that_shard(
 
 def test_resume_starts_where_nothing_is(tmp_path: Path, identity: Identity) -> None:
     assert CaseLibrary.resume(tmp_path / "library", identity, ODD).next_test == 0
+
+
+def test_a_library_of_a_road_goes_on_and_names_another_road(tmp_path: Path, identity: Identity) -> None:
+    ramp, leaving = (odd_on(ODD, road_named(name)) for name in ("on-ramp", "exit"))
+    CaseLibrary.create(tmp_path / "library", identity, ramp)
+    assert CaseLibrary.resume(tmp_path / "library", identity, ramp).next_test == 0
+    with pytest.raises(InputError, match=r"odd\.road is on-ramp there and exit here; use"):
+        CaseLibrary.resume(tmp_path / "library", identity, leaving)
+    assert ramp.road is not None
+    slower = replace(ramp.road, lanes=tuple(replace(lane, limit=20.0) for lane in ramp.road.lanes))
+    with pytest.raises(InputError, match=r"odd\.road is on-ramp there and another road of this name here; use"):
+        CaseLibrary.resume(tmp_path / "library", identity, replace(ramp, road=slower))
 
 
 def test_resume_leaves_the_files_of_others(filled: Path, identity: Identity) -> None:

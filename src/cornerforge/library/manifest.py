@@ -11,7 +11,7 @@ import json
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Annotated, TypeAlias, get_type_hints
 
@@ -200,9 +200,14 @@ def first_difference(theirs: Manifest, run: Identity, odd: Odd) -> str | None:
     for key in [*theirs.run, *(key for key in run if key not in theirs.run)]:
         if key not in theirs.run or key not in run or theirs.run[key] != run[key]:
             return f"{key} is {theirs.run.get(key)!r} there and {run.get(key)!r} here"
-    for name, value in asdict(odd).items():
-        if getattr(theirs.odd, name) != value:
-            return f"odd.{name} is {getattr(theirs.odd, name)!r} there and {value!r} here"
+    for name in (one.name for one in fields(odd)):
+        there, here = getattr(theirs.odd, name), getattr(odd, name)
+        if there == here:
+            continue
+        if name == "road" and there and here:  # all of both would fill a page
+            other = "another road of this name" if there.name == here.name else here.name
+            return f"odd.road is {there.name} there and {other} here"
+        return f"odd.{name} is {there!r} there and {here!r} here"
     return None
 
 
