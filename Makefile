@@ -44,7 +44,7 @@ DANGER := src/cornerforge/rates/danger.npz
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup environments web demo gallery test test-full kernels ledger test-slow fuzz kill test-browser test-interchange check format audit licences docs notebooks wheel lowest bench model rl-av danger golden clean-cache clean
+.PHONY: help setup environments web demo gallery test test-full kernels ledger test-slow fuzz kill test-browser test-interchange check format audit licences docs notebooks wheel lowest bench model rl-av danger validation golden clean-cache clean
 
 help: ## list the targets (this)
 	@awk -F ':.*## ' '/^[a-z][a-z-]*:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -157,6 +157,9 @@ rl-av: $(RUN) ## train the built-in AV `rl` again; same seed, same weights
 
 danger: $(RUN) ## teach again, at length, the network of dangers that rates by trees begin with
 	@$(BIN)/python supply/danger.py $(DANGER)
+
+validation: $(RUN) ## validate the shipped traffic model again (recordings in ../shared/data), for report --evidence
+	@$(BIN)/python supply/validation.py src/cornerforge/ext/evidence/validation.json
 
 golden: $(SETUP) ## write the checked-in expectations (golden files) again; read the diff and say why in the commit
 	@$(BIN)/python -m pytest -q -m golden --write-golden

@@ -7,9 +7,15 @@ from typing import Any
 
 __all__ = ["extension"]
 
-_PARTS = {"films": "pictures.picture", "model draws": "studies.model_draws", "players": "pictures.player"}
+_PARTS = {
+    "evidence": "evidence.page", "films": "pictures.picture", "model draws": "studies.model_draws",
+    "players": "pictures.player",
+}  # fmt: skip
 
 
 def extension(part: str) -> Any:
-    """Give the module of a part: "films" (`replay`), "model draws" (`rate`) or "players" (cases in notebooks)."""
+    """Give the module of a part.
+
+    Those are "evidence" (`report`), "films" (`replay`), "model draws" (`rate`) and "players" (cases in notebooks).
+    """
     return importlib.import_module(f"cornerforge.ext.{_PARTS[part]}")

@@ -26,7 +26,7 @@ from cornerforge.report import front, write_report
 from cornerforge.report.artefacts import Summary, read_artefacts
 from cornerforge.report.front import Front, front_of
 from cornerforge.report.kinds import kind_in_words
-from cornerforge.report.page import _known
+from cornerforge.report.page import known_of
 from cornerforge.report.road import road_rate
 from cornerforge.report.text import miles, rate, share
 from cornerforge.results import NaturalRate, Simulated, as_json
@@ -55,14 +55,14 @@ def judge(folder: Path, prevention: str) -> None:
 
 
 def front_in(folder: Path) -> Front:
-    return front_of(_known(read_artefacts(folder)))
+    return front_of(known_of(read_artefacts(folder)))
 
 
 @pytest.mark.full
 def test_the_case_to_watch_first_is_of_the_most_frequent_kind_that_a_careful_driver_prevents(
     natural_run_folder: Path,
 ) -> None:
-    known = _known(read_artefacts(natural_run_folder))
+    known = known_of(read_artefacts(natural_run_folder))
     assert known.cases is not None
     assert known.kinds is not None
     sums: dict[str, float] = {}
@@ -88,7 +88,7 @@ def test_the_case_to_watch_first_is_of_the_most_frequent_kind_that_a_careful_dri
 
 
 def test_how_many_of_a_kind_are_prevented_is_said_with_their_own_rate(natural_run_folder: Path) -> None:
-    known = _known(read_artefacts(natural_run_folder))
+    known = known_of(read_artefacts(natural_run_folder))
     assert known.cases is not None
     assert known.kinds is not None
     rows = np.flatnonzero(
@@ -124,7 +124,7 @@ def test_where_nobody_prevents_it_says_so(natural_run_folder: Path) -> None:
 
 
 def test_without_natural_crashes_it_shows_the_most_valuable_of_the_adversary(run_folder: Path) -> None:
-    known = _known(read_artefacts(run_folder))
+    known = known_of(read_artefacts(run_folder))
     top = known.analysis.value.top[0]
     found = front_of(known)
     assert found.look is not None
@@ -151,7 +151,7 @@ def test_without_natural_crashes_it_shows_the_most_valuable_of_the_adversary(run
 
 
 def test_without_a_judgement_it_says_that_nobody_looked(run_folder: Path) -> None:
-    known = _known(read_artefacts(run_folder))
+    known = known_of(read_artefacts(run_folder))
     bare = replace(known.analysis, judges=None, prevented=None, own_doing=None)
     found = front_of(replace(known, analysis=bare))
     assert [answer.short for answer in found.answers][::2] == ["Nobody has looked", "Nobody has looked"]
@@ -186,7 +186,7 @@ def test_one_rate_everywhere(natural_run_folder: Path) -> None:
     assert text.count("n = 150,000 drives that branch where danger rises, which tell as much as 30 crashes") == 2
     assert text.count("it rests on 30 effective trees, fewer than 300") == 1
     assert "Not to be trusted yet: why" in text
-    known = _known(read_artefacts(natural_run_folder))
+    known = known_of(read_artefacts(natural_run_folder))
     kinds = known.kinds
     assert kinds is not None
     for kind in kinds.mechanisms.values():
@@ -234,7 +234,7 @@ def test_the_rate_is_the_better_known_of_the_two(natural: float, plain: float, e
 
 
 def test_a_share_with_weights_is_that_of_the_road(natural_run_folder: Path) -> None:
-    known = _known(read_artefacts(natural_run_folder))
+    known = known_of(read_artefacts(natural_run_folder))
     assert known.cases is not None
     some = np.arange(known.cases.weight.size) < 3
     cases = replace(known.cases, prevention=np.where(some, PREVENTION[0], PREVENTION[4]))

@@ -14,6 +14,7 @@ import cornerforge
 from cornerforge.errors import FileFormatError
 from cornerforge.results import Analysed, NaturalRate
 from cornerforge.results.stating import from_file
+from cornerforge.results.validation import BaselineDifference
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +49,13 @@ def put(*names: Any, value: Any) -> Callable[[dict[str, Any]], None]:
             content[last] = value
 
     return change
+
+
+def test_an_interval_of_no_named_number_may_lie_below_zero(tmp_path: Path) -> None:
+    """Log-likelihoods of `ndd validate` do."""
+    said = {"difference": -0.1, "interval95": [-0.2, -0.05]}
+    write_object(tmp_path / "part.json", said)
+    assert from_file(BaselineDifference, tmp_path / "part.json", "cornerforge ndd validate").difference == -0.1
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,7 @@ from cornerforge.results.analysis import PARTS, Natural
 from cornerforge.results.rates import Counted
 from cornerforge.types import Scenario
 
-__all__ = ["charts_of", "write_library_report", "write_report"]
+__all__ = ["charts_of", "known_of", "write_library_report", "write_report"]
 
 CASE_BYTES = 2_800_000
 """Room for trajectories on the page; with plotly's library (4.8 MB) and the map of cases the page stays below 10 MB."""
@@ -85,13 +85,13 @@ def write_library_report(library: Path, out: Path) -> Path:
 
 
 def _write(artefacts: Artefacts, plotly: str) -> Path:
-    known = _known(artefacts)
+    known = known_of(artefacts)
     front = front_of(known)
     cases, notes = _cases(artefacts, front.look)
     return write_page(_render(artefacts, known, front, cases, notes, plotly), artefacts.out / "report.html")
 
 
-def _known(artefacts: Artefacts) -> Known:
+def known_of(artefacts: Artefacts) -> Known:
     """Gather what the first screen is made of."""
     natural, place, road = artefacts.summary.natural_cases, artefacts.natural_library, road_rate(artefacts.summary)
     kinds: Natural | None = None

@@ -57,7 +57,7 @@ def _of_intervals(result: Any, place: str) -> Iterator[str]:
         if low > high:
             yield f'"{place}{interval}" ends before it begins, {found}'
         name = next((name for name in names if hasattr(result, name)), None)
-        value = low if name is None else getattr(result, name)
+        value = None if name is None else getattr(result, name)
         if name is not None and (low < 0.0 or (name.endswith(("share", "chance")) and high > 1.0 + _ROUNDED)):
             yield f'"{place}{interval}" is {found}'
         if value is not None and not low * (1.0 - _ROUNDED) <= value <= high * (1.0 + _ROUNDED):

@@ -46,6 +46,8 @@ class Reported(Result):
 
     report: Annotated[str, meant("The page, one file of HTML.")]
     library: Annotated[str, meant("The library whose cases it shows.")]
+    evidence: Annotated[str | None, meant("The page of evidence; with `--evidence`.")] = None
+    evidence_data: Annotated[str | None, meant("The same as JSON; with `--evidence`.")] = None
 
 
 class FiguredOne(Result):

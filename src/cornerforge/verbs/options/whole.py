@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import field
 from pathlib import Path
 from typing import Annotated
@@ -61,6 +62,16 @@ class MakeReport(LongWork):
     ] = "cornerforge-report"
     avoidability: Annotated[str | int, LOOKS] = DEFAULT_LOOKS
     reaction: Annotated[float, REACTION] = 0.0
+    evidence: Annotated[
+        bool, meant("Answer an assessor's ten questions too: evidence.html and evidence.json beside the page.")
+    ] = False
+    beside: Annotated[
+        Sequence[Path | str],
+        meant(
+            "Other results for --evidence: a folder of rate, ndd validate or r157, a file of retest --out; may be "
+            "given again."
+        ),
+    ] = ()
 
 
 COMMANDS = (
@@ -72,6 +83,7 @@ COMMANDS = (
     ),
     Command(
         MakeReport, "verbs.make_report:make_report", "verbs.sentences.whole:report_text",
-        ("cornerforge report out/demo/library --out out/page",), name="report", stages=True,
+        ("cornerforge report out/demo/library --out out/page", "cornerforge report out/demo --evidence"), name="report",
+        stages=True,
     ),
 )  # fmt: skip

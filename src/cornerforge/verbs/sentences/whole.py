@@ -42,4 +42,5 @@ def run_text(found: RunDone) -> str:
 
 def report_text(found: Reported) -> str:
     """Write where the page is."""
-    return f"Report: {found.report}"
+    evidence = "" if found.evidence is None else f"\nEvidence: {found.evidence}; as data: {found.evidence_data}"
+    return f"Report: {found.report}{evidence}"

@@ -1,0 +1,144 @@
+"""The page of evidence: its numbers are those of the run, its gaps are named, and foreign results are refused."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from edited_files import write_object
+from plain_results import plain_result
+
+import cornerforge
+from cornerforge.errors import FileFormatError, InputError
+from cornerforge.ext.evidence.kinds import complexity
+from cornerforge.ext.evidence.material import SHIPPED, Checks
+from cornerforge.ext.evidence.odd import odd_as_tested
+from cornerforge.ndd.model import default_model_path, load_model, model_hash
+from cornerforge.recordings import recordings_of
+from cornerforge.results import NaturalRate, as_json, from_json
+from cornerforge.results.driving import Cost, ModelUncertainty
+from cornerforge.results.evidence import Evidence
+from cornerforge.results.stating import from_file
+from cornerforge.types import Crash, Odd, Scenario
+
+
+def three_vehicles(brakes: float, leaves: float, far: float) -> Scenario:
+    """A rear-end crash: slot 1 ahead of the AV brakes, slot 2 leaves its lane by `leaves` at `far` m ahead."""
+    frames, n = 61, 3
+    time = np.linspace(0.0, 6.0, frames)
+    x = np.stack([30.0 * time, 40.0 + 24.0 * time, far + 30.0 * time], axis=1)
+    y = np.full((frames, n), 5.49)
+    y[:, 2] += leaves * np.clip(time - 2.0, 0.0, 1.0)
+    acceleration = np.zeros((frames, n))
+    acceleration[30:, 1] = brakes
+    speed = np.tile([30.0, 24.0, 30.0], (frames, 1))
+    return Scenario(
+        seed=0, test=1, odd=Odd(), slot=np.arange(n, dtype=np.int16), x=x, y=y, speed=speed,
+        heading=np.zeros((frames, n)), acceleration=acceleration, target_lane=np.ones((frames, n), np.int8),
+        present=np.ones((frames, n), np.bool_), action=np.full((7, n), -1, np.int8),
+        critical_bv=np.ones(7, np.int16), log_prob_nde=np.zeros(7), crash=Crash(6.0, 0, 1), shortfall=np.zeros(7),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("brakes", "leaves", "far", "involved", "acts"),
+    [
+        (0.0, 0.0, 60.0, 2, 0),
+        (-2.5, 0.0, 60.0, 2, 1),
+        (-2.5, 3.66, 60.0, 3, 2),
+        (-2.5, 0.9, 60.0, 2, 1),
+        (-2.5, 3.66, 150.0, 2, 1),
+    ],
+)
+def test_who_takes_part_is_counted_by_hand(brakes: float, leaves: float, far: float, involved: int, acts: int) -> None:
+    found = complexity(recordings_of(three_vehicles(brakes, leaves, far)))
+    assert (found[0].tolist(), found[1].tolist()) == ([involved], [acts])
+
+
+def evidence(folder: Path, beside: tuple[Path, ...] = ()) -> tuple[Evidence, str]:
+    made = cornerforge.make_report(folder, evidence=True, beside=beside)
+    assert made.evidence is not None
+    assert made.evidence_data is not None
+    data: dict[str, Any] = json.loads(Path(made.evidence_data).read_text(encoding="utf-8"))
+    data.pop("sha256")
+    return from_json(Evidence, data), Path(made.evidence).read_text(encoding="utf-8")
+
+
+def test_each_question_has_an_answer_or_says_why_not(natural_run_folder: Path) -> None:
+    found, page = evidence(natural_run_folder)
+    assert [one.number for one in found.answers] == list(range(1, 11))
+    for one in found.answers:
+        assert one.asked_by
+        assert one.covered == bool(one.findings)
+        assert one.covered or (one.answer.startswith("Not covered, because ") and one.not_covered)
+        assert all(claim.how and claim.command for claim in one.findings)
+        assert one.answer.split("'")[0] in page
+    assert "complian" not in page.lower()
+
+
+def test_its_numbers_are_those_of_the_run(natural_run_folder: Path) -> None:
+    found, _ = evidence(natural_run_folder)
+    summary = json.loads((natural_run_folder / "summary.json").read_text(encoding="utf-8"))
+    often = found.answers[4].findings[0]
+    per_mile, ends = summary["natural"]["crashes_per_mile"], summary["natural"]["interval95_per_mile"]
+    assert often.value == pytest.approx(1e6 * per_mile)
+    assert often.interval95 == pytest.approx([1e6 * end for end in ends])
+    assert sum(one.per_million_miles for one in found.kinds) == pytest.approx(1e6 * per_mile)
+    assert sum(one.cases for one in found.kinds) == 30
+    assert any("not to be trusted" in gap.lower() for gap in found.answers[4].not_covered)
+    assert found.answers[6].findings[0].value == summary["generate"]["crashes_per_test"]
+
+
+def drawn_rate(av: str) -> NaturalRate:
+    cost = Cost(tests=1, cpu_seconds=1.0)
+    spread = plain_result(
+        ModelUncertainty, draws=20, cv=0.5, cv_interval95=(0.3, 0.9), interval95=(1e-7, 9e-7),
+        interval95_per_mile=(4e-7, 3.6e-6), cost=cost,
+    )  # fmt: skip
+    return replace(
+        plain_result(
+            NaturalRate, av=av, method="splitting", crashes_per_test=3e-7, interval95=(1e-7, 5e-7),
+            crashes_per_mile=1.2e-6, interval95_per_mile=(4e-7, 2e-6),
+        ),
+        model_uncertainty=spread,
+    )  # fmt: skip
+
+
+def test_drawn_models_beside_give_an_interval_of_chance_and_model(natural_run_folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "rate").mkdir()
+    write_object(tmp_path / "rate" / "rate.json", as_json(drawn_rate("idm-mobil")))
+    found, _ = evidence(natural_run_folder, (tmp_path / "rate",))
+    (claim,) = [one for one in found.answers[4].findings if one.covers == "chance and model"]
+    assert claim.interval95 == pytest.approx((0.4, 3.6))
+    assert str(tmp_path / "rate" / "rate.json") in found.files
+
+
+def test_results_of_another_av_and_no_results_are_refused(natural_run_folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "rate").mkdir()
+    write_object(tmp_path / "rate" / "rate.json", as_json(drawn_rate("rss-cautious")))
+    with pytest.raises(InputError, match="of rss-cautious, the run of idm-mobil"):
+        evidence(natural_run_folder, (tmp_path / "rate",))
+    with pytest.raises(InputError, match="holds none of"):
+        evidence(natural_run_folder, (tmp_path / "empty",))
+    (tmp_path / "retest.json").write_text("[1]")
+    with pytest.raises(FileFormatError, match=r"retest\.json"):
+        evidence(natural_run_folder, (tmp_path / "retest.json",))
+    with pytest.raises(InputError, match="give both"):
+        cornerforge.make_report(natural_run_folder, beside=(tmp_path,))
+
+
+def test_what_is_not_in_the_simulator_is_said_to_be_untested() -> None:
+    rows = {row.attribute: row.driven for row in odd_as_tested(Odd(truck_share=0.1))}
+    assert "trucks (10.0 %)" in rows["Vehicles"]
+    assert rows["Weather and visibility"] == rows["Light"] == ""
+
+
+def test_the_shipped_checks_are_of_the_shipped_model() -> None:
+    """Else run `make validation`."""
+    shipped = from_file(Checks, Path(str(SHIPPED)), "make validation")
+    assert shipped.model_hash == model_hash(load_model(default_model_path()))
+    assert sum(fact.within is not None for fact in shipped.facts) > 100
