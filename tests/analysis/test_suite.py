@@ -9,7 +9,15 @@ import pytest
 from numpy.typing import NDArray
 
 from cornerforge.errors import InputError
-from cornerforge.ext.studies.suite_choice import choose, clear_order, findings, leave_one_out, rank_agreement
+from cornerforge.ext.studies.suite_choice import (
+    apfd,
+    cases_needed,
+    choose,
+    clear_order,
+    findings,
+    leave_one_out,
+    rank_agreement,
+)  # fmt: skip
 
 Crashes = NDArray[np.bool_]
 
@@ -97,3 +105,36 @@ def test_on_average_it_knows_an_av_left_out_better_than_random_sets() -> None:
             ours.append(one.known[[1, 4]] / most)
             theirs.append(one.random[:, [1, 4]].mean(axis=0) / most)
     assert (np.mean(ours, axis=0) > np.mean(theirs, axis=0)).all()
+
+
+FAULTS = {"A": (1, 5), "B": (1, 5, 6, 7), "C": (1, 2, 3, 4, 5, 6, 7), "D": (5,), "E": (8, 9, 10)}
+"""The example of Rothermel et al. (2001): which of ten faults each of five cases finds."""
+
+
+@pytest.mark.parametrize(("order", "published"), [("ABCDE", 0.50), ("EDCBA", 0.64), ("CEBAD", 0.84)])
+def test_apfd_is_that_of_the_published_example(order: str, published: float) -> None:
+    shows = np.array([[fault in FAULTS[case] for fault in range(1, 11)] for case in order])
+    assert apfd(shows) == pytest.approx(published)
+    assert apfd(np.column_stack([shows, np.zeros(5, np.bool_)])) == apfd(shows), "what no case shows does not count"
+    assert cases_needed(shows) == {"ABCDE": 5, "EDCBA": 3, "CEBAD": 2}[order]
+
+
+def test_apfd_of_the_textbook() -> None:
+    """Five faults of five cases, first shown by cases 3, 2, 1, 3 and 1: 1 - 10/25 + 1/10 = 0.7."""
+    first = np.array([3, 2, 1, 3, 1])
+    shows = np.arange(1, 6)[:, None] >= first
+    assert apfd(shows) == pytest.approx(0.7)
+    assert apfd(np.zeros((5, 2), np.bool_)) is None
+    assert cases_needed(np.zeros((5, 2), np.bool_)) == 0
+
+
+def test_random_orders_show_half_of_what_one_case_shows() -> None:
+    """A fault that one case of n shows is at each place alike: mean 1/2, standard deviation sqrt((n^2 - 1)/12)/n."""
+    crashes, severity = drawn(3, cases=40, avs=4)
+    crashes[:, 3] = False
+    crashes[choose(crashes[:, :3], severity, 40).cases[0], 3] = True
+    found = {one.av: one for one in leave_one_out(crashes, severity, 40, random_sets=400)}[3]
+    n = found.cases
+    assert found.early is not None
+    assert abs(found.random_early.mean() - 0.5) < 5 * np.sqrt((n * n - 1) / 12) / n / 20
+    assert set(np.round(found.random_early * n - 0.5, 9)) <= set(range(n))

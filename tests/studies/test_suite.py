@@ -40,6 +40,9 @@ def test_the_suite_finds_all_and_says_where_each_case_is_from(
 ) -> None:
     out, said = built
     assert said.findings_in_suite == said.findings > len(ZOO)
+    assert 0 < said.cases_needed <= said.cases
+    low, high = said.random_cases_needed_range95
+    assert said.cases_needed <= low <= said.random_cases_needed <= high
     assert said.in_order == said.clear > 0
     assert said.candidates + said.not_again + said.left_out == 90
     assert 0 < said.cases < 40
@@ -87,6 +90,11 @@ def test_avs_left_out_are_compared_with_random_sets(built: tuple[Path, SuiteBuil
     low, high = said.left_out_summary.random_told_apart_range95
     assert low <= said.left_out_summary.random_told_apart <= high
     assert all(one.told_apart <= one.pairs < len(ZOO) for one in said.left_out_avs)
+    assert all((one.apfd is None) == (not one.found) for one in said.left_out_avs)
+    assert said.left_out_summary.apfd is not None
+    early = said.left_out_summary.random_apfd_range95
+    assert early is not None
+    assert early[0] <= said.left_out_summary.random_apfd <= early[1]  # type: ignore[operator]
 
 
 def test_a_suite_of_one_av_replays_and_needs_no_baseline(

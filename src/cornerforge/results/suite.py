@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from cornerforge._schema import Whole, meant
+from cornerforge._schema import Share, Whole, meant
 from cornerforge.results.html import Result
 from cornerforge.results.rates import Interval
 
@@ -34,6 +34,12 @@ class LeftOutAv(Result):
     off: Annotated[float, meant(_PLACE, "places")]
     clear: Annotated[Whole, meant("AVs that clearly crash more or less often than it in all cases (McNemar, 5 %).")]
     in_order: Annotated[Whole, meant("How many of these are on the same side of it in them.")]
+    apfd: Annotated[
+        Share | None,
+        meant(
+            "How early they show, in their order, what they show of it (APFD, 0 to 1); null: they show nothing of it."
+        ),
+    ]
 
 
 class LeftOutAll(Result):
@@ -55,6 +61,11 @@ class LeftOutAll(Result):
     random_off_range95: Annotated[Interval, meant("2.5 to 97.5 % of the random sets.", "places")]
     random_in_order: Annotated[float, meant("`in_order` of random sets, mean.")]
     random_in_order_range95: Annotated[Interval, meant("2.5 to 97.5 % of the random sets.")]
+    apfd: Annotated[
+        Share | None, meant("Mean `apfd` of the AVs of which the suite shows something, 0 to 1; null: of none.")
+    ]
+    random_apfd: Annotated[Share | None, meant("The same in as many random orders, mean, 0 to 1; null: likewise.")]
+    random_apfd_range95: Annotated[Interval | None, meant("2.5 to 97.5 % of the random orders; null: likewise.")]
 
 
 class SuiteBuilt(Result):
@@ -71,6 +82,9 @@ class SuiteBuilt(Result):
         Whole, meant("What all cases find: an AV that crashes, or one that crashes where another one does not.")
     ]
     findings_in_suite: Annotated[Whole, meant("How many of these the suite finds, as it was chosen.")]
+    cases_needed: Annotated[Whole, meant("So many of its first cases find all of these.")]
+    random_cases_needed: Annotated[float, meant("The same of all cases in 200 random orders, mean.", "cases")]
+    random_cases_needed_range95: Annotated[Interval, meant("2.5 to 97.5 % of the random orders.", "cases")]
     clear: Annotated[
         Whole, meant("Pairs of AVs of which one clearly crashes more often in all cases (McNemar's test, 5 %).")
     ]

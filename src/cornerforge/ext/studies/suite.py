@@ -19,7 +19,14 @@ from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.forecast import forecast
 from cornerforge.experiment.output import check_new_folder, code_hash, config_hash, provenance, version, write_json
 from cornerforge.ext.studies.options import SuiteBuild
-from cornerforge.ext.studies.suite_choice import LeftOut, choose, leave_one_out, rank_agreement
+from cornerforge.ext.studies.suite_choice import (
+    LeftOut,
+    cases_needed,
+    choose,
+    findings,
+    leave_one_out,
+    rank_agreement,
+)  # fmt: skip
 from cornerforge.foreign.spec import with_av
 from cornerforge.library import CaseLibrary
 from cornerforge.library.filling import MODEL_FILE
@@ -113,6 +120,10 @@ def suite_build(options: SuiteBuild) -> SuiteBuilt:
     write_json(place / "provenance.json", provenance({**identity, "sources": made_of}, seconds))
     both = np.concatenate([found.crashes, ~np.isnan(again)])
     rows = np.arange(len(found.origin), len(both))
+    finds = findings(found.crashes)
+    rng = np.random.default_rng([options.seed, len(names)])
+    needed = [cases_needed(finds[rng.permutation(len(finds))]) for _ in range(_RANDOM_SETS)]
+    low, high = np.quantile(needed, [0.025, 0.975]).tolist()
     return SuiteBuilt(
         cases=len(suite),
         out=str(options.out),
@@ -121,6 +132,9 @@ def suite_build(options: SuiteBuild) -> SuiteBuilt:
         not_again=found.not_again,
         findings=chosen.wanted,
         findings_in_suite=chosen.found,
+        cases_needed=cases_needed(finds[list(chosen.cases)]),
+        random_cases_needed=float(np.mean(needed)),
+        random_cases_needed_range95=(low, high),
         clear=chosen.clear,
         in_order=chosen.in_order,
         rank_agreement=rank_agreement(both, rows),
@@ -329,6 +343,7 @@ def _left_out(one: LeftOut, names: Sequence[str]) -> LeftOutAv:
         off=off,
         clear=one.clear,
         in_order=int(in_order),
+        apfd=one.early,
     )
 
 
@@ -351,6 +366,8 @@ def _summary(checked: Sequence[LeftOut]) -> LeftOutAll | None:
     mean = sets.mean(axis=0).tolist()
     low, high = np.quantile(sets, [0.025, 0.975], axis=0).tolist()
     spread = list(zip(low, high, strict=True))
+    early = [one for one in checked if one.early is not None]
+    orders = np.mean([one.random_early for one in early], axis=0) if early else None
     return LeftOutAll(
         found=ours[0], told_apart=ours[1], share_off=ours[2], off=ours[3], in_order=ours[4], random_sets=len(sets),
         random_found=mean[0], random_found_range95=spread[0],
@@ -358,6 +375,9 @@ def _summary(checked: Sequence[LeftOut]) -> LeftOutAll | None:
         random_share_off=mean[2], random_share_off_range95=spread[2],
         random_off=mean[3], random_off_range95=spread[3],
         random_in_order=mean[4], random_in_order_range95=spread[4],
+        apfd=None if orders is None else float(np.mean([one.early for one in early])),
+        random_apfd=None if orders is None else float(orders.mean()),
+        random_apfd_range95=None if orders is None else tuple(np.quantile(orders, [0.025, 0.975]).tolist()),
     )  # fmt: skip
 
 
@@ -365,6 +385,11 @@ def suite_text(r: SuiteBuilt) -> str:
     """Tell the result in text."""
     lines = [f"{r.cases:,} of {r.candidates:,} cases in {r.out}: they find {r.findings_in_suite:,} of {r.findings:,}"]
     lines[0] += " things that all cases find (an AV that crashes, or crashes where another one does not)"
+    low, high = r.random_cases_needed_range95
+    lines.append(
+        f"The first {r.cases_needed:,} find all of these; of all cases in random order {r.random_cases_needed:,.0f} "
+        f"(95 % of orders: {low:,.0f} to {high:,.0f})"
+    )
     if r.rank_agreement is not None:
         lines.append(
             f"They have {r.in_order:,} of {r.clear:,} pairs of AVs in order, whose order is clear in all cases; of all "
@@ -379,7 +404,7 @@ def suite_text(r: SuiteBuilt) -> str:
         lines.append(
             f"AVs left out one at a time, against {s.random_sets} random sets of as many cases (mean, 95 % of them):"
         )
-        rows = (
+        rows: list[tuple[str, float, float, tuple[float, float]]] = [
             ("found", s.found, s.random_found, s.random_found_range95),
             ("told apart from others", s.told_apart, s.random_told_apart, s.random_told_apart_range95),
             ("crashes per case off by", s.share_off, s.random_share_off, s.random_share_off_range95),
@@ -390,7 +415,9 @@ def suite_text(r: SuiteBuilt) -> str:
                 s.random_in_order_range95,
             ),
             ("places off", s.off, s.random_off, s.random_off_range95),
-        )
+        ]
+        if s.apfd is not None and s.random_apfd is not None and s.random_apfd_range95 is not None:
+            rows.append(("how early in its order (APFD)", s.apfd, s.random_apfd, s.random_apfd_range95))
         lines += [f"  {what}: {ours:.3f}, random {mean:.3f} ({low:.3f} to {high:.3f})" for what, ours, mean, (low, high)
                   in rows]  # fmt: skip
     return "\n".join(lines)

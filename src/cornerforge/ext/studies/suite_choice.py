@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
 
-__all__ = ["Chosen", "LeftOut", "choose", "clear_order", "findings", "leave_one_out", "rank_agreement"]
+__all__ = [
+    "Chosen", "LeftOut", "apfd", "cases_needed", "choose", "clear_order", "findings", "leave_one_out", "rank_agreement",
+]  # fmt: skip
 
 _Z95 = 1.959964
 
@@ -53,6 +55,8 @@ class LeftOut:
             case, by how many places its place among all AVs differs from that in all cases, and how many of `clear`
             are on the right side of it, (5,).
         random: The same of random sets, (R, 5).
+        early: How early the suite, in its order, shows what it shows of the AV (`apfd`); None: nothing.
+        random_early: The same of the suite in random orders, (R,); NaN where None.
     """
 
     av: int
@@ -62,6 +66,8 @@ class LeftOut:
     share_of_all: float
     known: NDArray[np.float64]
     random: NDArray[np.float64]
+    early: float | None
+    random_early: NDArray[np.float64]
 
 
 def findings(crashes: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -75,6 +81,32 @@ def findings(crashes: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """
     apart = crashes[:, :, None] & ~crashes[:, None, :]
     return np.concatenate([crashes, apart.reshape(len(crashes), -1)], axis=1)
+
+
+def apfd(shows: NDArray[np.bool_]) -> float | None:
+    """Average percentage of faults detected by cases in their order, 0 to 1: the higher, the earlier they show all.
+
+    Args:
+        shows: Does the case show the fault, (S, F). Faults that no case shows do not count.
+
+    Returns:
+        1 - mean first place / S + 1 / (2 S); None: no case shows a fault.
+
+    Source: Rothermel, Untch, Chu and Harrold (2001), "Prioritizing test cases for regression testing".
+
+    >>> apfd(np.array([[True, False], [False, True]]))
+    0.5
+    """
+    known = shows[:, shows.any(axis=0)]
+    if known.size == 0:
+        return None
+    return float(1.0 - (known.argmax(axis=0) + 1).mean() / len(shows) + 0.5 / len(shows))
+
+
+def cases_needed(shows: NDArray[np.bool_]) -> int:
+    """Count the first cases that show all that all show, `shows` as for `apfd`; 0 if they show nothing."""
+    known = shows[:, shows.any(axis=0)]
+    return int(known.argmax(axis=0).max()) + 1 if known.size else 0
 
 
 def rank_agreement(crashes: NDArray[np.bool_], cases: Sequence[int] | NDArray[np.intp]) -> float | None:
@@ -195,7 +227,14 @@ def leave_one_out(
         sets = [rng.choice(len(crashes), suite.size, replace=False) for _ in range(random_sets)]
         known, whole = (_known_of(crashes, clear[av], av, rows) for rows in (suite, np.arange(len(crashes))))
         random = np.stack([_known_of(crashes, clear[av], av, rows) for rows in sets])
-        found.append(LeftOut(av, suite.size, int(whole[1]), int(whole[4]), float(whole[2]), known, random))
+        shown = np.column_stack([crashes[suite, av], crashes[suite, av, None] & ~others[suite]])  # its findings
+        orders = [apfd(shown[rng.permutation(suite.size)]) for _ in range(random_sets)]
+        found.append(
+            LeftOut(
+                av, suite.size, int(whole[1]), int(whole[4]), float(whole[2]), known, random, apfd(shown),
+                np.array([np.nan if one is None else one for one in orders]),
+            )
+        )  # fmt: skip
     return found
 
 
