@@ -21,7 +21,8 @@ PACKAGE = Path(cornerforge.__file__).parent
 INNER = ["cornerforge.adversary.worlds", "cornerforge.counterfactual", "cornerforge.rates.branching", "cornerforge.sim"]
 """Rooms with names at the door only."""
 OPEN = [
-    f"cornerforge.{room}" for room in ("adversary", "experiment", "ext.pictures", "foreign", "ndd", "rates", "road")
+    f"cornerforge.{room}"
+    for room in ("adversary", "experiment", "ext.evidence", "ext.pictures", "foreign", "ndd", "rates", "road")
 ]
 """Rooms with modules that are doors too; the names at their own doors are for programs."""
 ROOMS = [*INNER, *OPEN]

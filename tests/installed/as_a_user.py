@@ -21,7 +21,7 @@ from pathlib import Path
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "my_av.py"
 DATA = [
     "py.typed", "cli/front_page.json", "ndd/default_model.npz", "drivers/rl_av.safetensors", "rates/danger.npz",
-    "report/templates/report.html.j2",
+    "report/templates/report.html.j2", "ext/evidence/benchmarks.csv",
 ]  # fmt: skip
 # Of each extra a module that the core does without.
 EXTRAS = {

@@ -22,7 +22,7 @@ from cornerforge.rates.model_uncertainty import (
     model_spread,
     traffic_weights,
 )
-from cornerforge.rates.people import ALL_ROADS, FREEWAY_INJURIES, MOTORWAY
+from cornerforge.rates.people import MOTORWAY
 from cornerforge.rates.weighted import weighted_rate
 
 pytestmark = pytest.mark.full
@@ -211,13 +211,3 @@ def test_what_is_wrong_is_said() -> None:
         effective_counts(ones, 0.0 * ones)
     with pytest.raises(InputError, match="does not hold the rate"):
         interval_with_model(2.0, (2.5, 3.0), ModelSpread(9, 0.0, (0.0, 0.0), 0.0, 1.0))
-
-
-def test_peoples_rates_are_told_with_their_units() -> None:
-    """Crashes are compared with crashes: of motorways fewer than of all roads; ranges are per vehicle-mile."""
-    assert (ALL_ROADS.unit, MOTORWAY.unit, FREEWAY_INJURIES.unit) == ("crashes", "crashes", "crashed vehicles")
-    assert ALL_ROADS.low == pytest.approx(1.889e-6, rel=1e-3)
-    assert 0.2 < MOTORWAY.high / ALL_ROADS.low < 1.0
-    for one in (ALL_ROADS, MOTORWAY, FREEWAY_INJURIES):
-        assert 1e-7 < one.low <= one.high < 1e-5
-        assert one.source

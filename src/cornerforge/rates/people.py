@@ -1,12 +1,13 @@
-"""How often people crash: published rates per vehicle-mile, each with its unit.
+"""How often people crash on motorways, as the traffic of drawn models is held to it.
 
-A crash of two vehicles is one crash and two crashed vehicles. The rate between background vehicles counts crashes; an
-AV's rate, per mile of the AV, counts crashed vehicles: to compare it with a rate of crashes, double that one.
+Crashes are counted: one of two vehicles is one crash and two crashed vehicles. The rate between background vehicles
+counts crashes too; an AV's rate, per mile of the AV, counts crashed vehicles. Published rates of people, with units and
+sources, are in `ext/evidence/benchmarks.csv`; this one is a row there too.
 """
 
 from typing import NamedTuple
 
-__all__ = ["ALL_ROADS", "FREEWAY_INJURIES", "MOTORWAY"]
+__all__ = ["MOTORWAY"]
 
 
 class PeopleRate(NamedTuple):
@@ -19,11 +20,6 @@ class PeopleRate(NamedTuple):
     source: str
 
 
-_ALL = 6_138_359 / 3.25e12
-ALL_ROADS = PeopleRate(_ALL, _ALL, "crashes", "police-reported, all roads", "NHTSA 2023, doi:10.21949/rdm5-2086")
 MOTORWAY = PeopleRate(
     0.8e-6, 0.8e-6, "crashes", "police-reported, motorways, same direction", "our estimate, not published"
-)
-FREEWAY_INJURIES = PeopleRate(
-    0.7e-6, 2.4e-6, "crashed vehicles", "any injury reported, freeways", "Scanlon et al. 2024/2025, not checked"
 )
