@@ -143,7 +143,7 @@ def lane_table(odd: Odd) -> LaneTable:
                 rows[-1][_END] = shown.end
             else:
                 rows.append([shown.begin, shown.end, by, is_ramp])
-        table[slot, : len(rows)] = rows
+        table[slot, : len(rows)] = np.reshape(rows, (-1, 4))  # a slot may be closed all along
     whole = (table[:, 0, _BEGIN] == -math.inf) & (table[:, 0, _END] == math.inf)
     go_on = sum(1 << int(slot) for slot in np.flatnonzero(whole & np.isinf(table[:, 0, _LEAVE_BY])))
     return LaneTable(table, not whole.all(), go_on, exit_slot, exit_by, _paces(road), -odd.road_at)
