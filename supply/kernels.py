@@ -57,6 +57,7 @@ with small_trees():
 cornerforge.retest("lib", av="rss-cautious")
 cornerforge.shrink("lib", [case], out="less")
 cornerforge.r157(families=["deceleration"], out="r157")
+cornerforge.suite_run("aeb", families=["braking"], out="aeb")
 cornerforge.import_cases([sys.argv[2] + "/interchange/data/cut_in.osi"], out="imported")
 """,
 }  # fmt: skip

@@ -37,6 +37,8 @@ OUTPUTS = {
     "retest LIB --av rss-cautious --page": (FILE, ".html"),
     "retest LIB --av rss-cautious --out": (FILE, ".json"),
     "suite build LIB --size 2 --out": (FOLDER, ""),
+    "suite run aeb --family braking --out": (FOLDER, ""),
+    "suite run aeb --family braking --junit": (FILE, ".xml"),
     "r157 --family cut-in --out": (FOLDER, ""),
     "export LIB CASE --to json --out": (FOLDER, ""),
     "import TABLE --out": (FOLDER, ""),

@@ -51,6 +51,7 @@ SMOKE: dict[str, set[str]] = {
     "shrink LIB CASE --out less": {"cases"},
     "replay LIB CASE --check": {"case", "crash_time_s", "identical"},
     "retest LIB --av rss-cautious": {"cases", "fixed", "still_crashing", "new_crashes", "rate_difference"},
+    "suite run aeb --family braking --out aeb": {"suite", "scenarios", "tests", "beyond_allowed"},
     "r157 --family deceleration --out r157": {"scenarios", "failed", "failed_but_prevented_by"},
     "query LIB 'select count(*) from cases'": {"columns", "rows"},
     "verify LIB": {"whole"},

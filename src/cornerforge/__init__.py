@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from cornerforge.ext.paper.reproduce import reproduce
     from cornerforge.ext.pictures.figure import figure
     from cornerforge.ext.studies.plausibility import plausibility
-    from cornerforge.ext.studies.r157 import r157
     from cornerforge.ext.studies.suite import suite_build
+    from cornerforge.ext.studies.suite_run import r157, suite_run
     from cornerforge.ext.studies.variety import variety
     from cornerforge.library.case_file import read_case_file, write_case_file
     from cornerforge.verbs.analyse import analyse
@@ -47,8 +47,8 @@ __all__ = [
     "__version__", "analyse", "avs", "cases_from_data", "check_av", "drive_case", "engine", "export", "figure",
     "generate", "import_cases", "init", "make_report", "migrate", "ndd_fit", "ndd_import", "ndd_show", "ndd_validate",
     "plausibility", "query", "r157", "rate", "read_case_file", "replay", "reproduce", "retest", "road_check",
-    "road_import", "road_show", "run", "serve", "shrink", "simulate", "suite_build", "train", "train_av", "variety",
-    "verify", "write_case_file",
+    "road_import", "road_show", "run", "serve", "shrink", "simulate", "suite_build", "suite_run", "train", "train_av",
+    "variety", "verify", "write_case_file",
 ]  # fmt: skip
 
 __version__ = "0.1.0"
@@ -75,7 +75,7 @@ __getattr__ = door(
         "ndd_validate": "ext.calibrate.validating",
         "plausibility": "ext.studies.plausibility",
         "query": "verbs.cases",
-        "r157": "ext.studies.r157",
+        "r157": "ext.studies.suite_run",
         "rate": "verbs.rate",
         "read_case_file": "library.case_file",
         "replay": "verbs.cases",
@@ -89,6 +89,7 @@ __getattr__ = door(
         "shrink": "verbs.shrink",
         "simulate": "verbs.simulate",
         "suite_build": "ext.studies.suite",
+        "suite_run": "ext.studies.suite_run",
         "train": "verbs.train",
         "train_av": "verbs.train_av",
         "variety": "ext.studies.variety",

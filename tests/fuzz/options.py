@@ -95,6 +95,7 @@ def _usual(words: tuple[str, ...], at: Inputs, out: str) -> dict[str, Sequence[s
         "replay": {"library": lib, "case": ["all"]},
         "retest": {"library": lib, "av": ["idm-mobil"]},
         "suite build": {"libraries": lib, "out": [out], "size": ["2"], "zoo": ["idm-mobil"]},
+        "suite run": {"suite": ["aeb"], "family": ["none"]},
         "r157": {"family": ["none"]},
         "query": {"library": lib, "sql": ["select 1"]},
         "variety": {"libraries": lib},

@@ -85,6 +85,7 @@ JOBS = {
     "import": Job("import IN/tables/one.csv IN/tables/two.csv --out OUT"),
     "cases from-data": Job("cases from-data IN/clips.csv --av idm-mobil --out OUT"),
     "suite build": Job("suite build IN/library --size 5 --zoo idm-mobil --zoo rss-cautious --out OUT"),
+    "suite run": Job("suite run aeb --out OUT"),
     "r157": Job("r157 --family deceleration --out OUT"),
     "retest": Job("retest IN/few --av rss-cautious --junit OUT", out="junit.xml"),
     "replay": Job("replay IN/few CASE --video OUT", out="film.gif"),

@@ -12,13 +12,14 @@ from cornerforge.drivers.rails import ACCELERATION, LANE, LATERAL_SPEED, POSE_NU
 from cornerforge.errors import InputError
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.setting import experiment
-from cornerforge.ext.studies.r157_scenarios import Panel, panels, rails_of_panel, road_of_r157
+from cornerforge.ext.studies.r157_scenarios import R157
+from cornerforge.ext.studies.scenarios import Panel, panels, rails_of_panel, road_of_suite
 from cornerforge.sim import Setting, controllers, outcome, recorder, runner
 from cornerforge.sim.rails import Rails, rails_of
 from cornerforge.sim.scripted import Script
 from cornerforge.types import Odd, Scenario
 
-ROAD = road_of_r157(Odd())
+ROAD = road_of_suite(R157, Odd())
 HEEDLESS = """
 import numpy as np
 
@@ -38,7 +39,7 @@ class Chaser:
 
 @pytest.fixture(scope="module")
 def panel() -> Panel:
-    found, _ = panels(["cut-in"], ROAD)
+    found, _ = panels(R157, ["cut-in"], ROAD)
     one = next(p for p in found if (p.av_kmh, p.other_kmh) == (60, 30))
     few = np.zeros_like(one.possible)
     few[[3, 8, 30], :] = True
@@ -142,7 +143,7 @@ def test_an_av_from_outside_is_set_to_the_speed_and_drives_the_same_as_alone(
 
 def test_one_that_is_absent_for_a_while_touches_nobody() -> None:
     """A standing car in the AV's lane is there only before the AV comes, or all the time."""
-    found, _ = panels(["deceleration"], ROAD)
+    found, _ = panels(R157, ["deceleration"], ROAD)
     start = rails_of_panel(replace(found[2], possible=np.arange(found[2].possible.size).reshape(
         found[2].possible.shape) == 0), ROAD).start  # fmt: skip
     poses = np.full((1, 371, 2, POSE_NUMBERS), np.nan)

@@ -1,4 +1,4 @@
-"""`r157`: an AV in the regulation's scenarios, beside the reference drivers."""
+"""`r157`, which is `suite run r157`: an AV in the regulation's scenarios, beside the reference drivers."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ import cornerforge
 from cornerforge import cli
 from cornerforge.drivers.careful import CAREFUL, HOLDS, SCENARIOS, crashes_at_cut_ins, drives_into
 from cornerforge.errors import OutputError, UnknownNameError
-from cornerforge.ext.studies import r157 as module
+from cornerforge.ext.studies import suite_run as module
 from cornerforge.ext.studies.r157_roads import closing_at_least, cut_in_density
-from cornerforge.ext.studies.r157_scenarios import FAMILIES, Panel, panels, rails_of_panel, road_of_r157
+from cornerforge.ext.studies.r157_scenarios import R157
+from cornerforge.ext.studies.scenarios import Panel, panels, rails_of_panel, road_of_suite
 from cornerforge.library import CaseLibrary
 from cornerforge.results import Regulated
 from cornerforge.types import Odd
@@ -27,7 +28,8 @@ pytestmark = pytest.mark.full
 
 VERDICTS = Path(__file__).parents[3] / "shared" / "data" / "r157" / "cut_in.csv.gz"
 COLUMN = {"cc-human": "crash_cc_human", "reg157": "crash_reg157", "rss-brake": "crash_rss", "fsm": "crash_fsm"}
-ROAD = road_of_r157(Odd())
+ROAD = road_of_suite(R157, Odd())
+FAMILIES = [family.name for family in R157.families]
 RAISES = """
 class Raises:
     def act(self, view):
@@ -41,11 +43,11 @@ class Raises:
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> list[Panel]:
     """One pair of speeds of each family, and of them one point in so many."""
-    found, _ = panels(FAMILIES, ROAD)
+    found, _ = panels(R157, FAMILIES, ROAD)
     wanted = {("cut-in", 60, 30), ("cut-out", 130, 0), ("deceleration", 130, 130)}
-    chosen = [_thin(p) for p in found if (p.family, p.av_kmh, p.other_kmh) in wanted]
-    monkeypatch.setattr(module, "panels", lambda families, odd: (
-        [p for p in chosen if p.family in set(families)], panels(families, odd)[1]))  # fmt: skip
+    chosen = [_thin(p) for p in found if (p.family.name, p.av_kmh, p.other_kmh) in wanted]
+    monkeypatch.setattr(module, "panels", lambda suite, families, odd: (
+        [p for p in chosen if p.family.name in set(families)], panels(suite, families, odd)[1]))  # fmt: skip
     return chosen
 
 
@@ -60,18 +62,18 @@ def judged(panel: Panel, driver: str) -> np.ndarray:
 
 
 def test_grids_are_numbered_whatever_is_asked_for() -> None:
-    every, too_fast = panels(FAMILIES, ROAD)
+    every, too_fast = panels(R157, FAMILIES, ROAD)
     assert too_fast == []
     assert [p.first for p in every] == np.cumsum([0, *(len(p) for p in every[:-1])]).tolist()
-    some, _ = panels(["deceleration"], ROAD)
-    assert [p.first for p in some] == [p.first for p in every if p.family == "deceleration"]
-    _, slow = panels(FAMILIES, Odd(max_speed=30.0))
+    some, _ = panels(R157, ["deceleration"], ROAD)
+    assert [p.first for p in some] == [p.first for p in every if p.family.name == "deceleration"]
+    _, slow = panels(R157, FAMILIES, Odd(max_speed=30.0))
     assert slow == [130]
 
 
 @pytest.mark.parametrize("driver", CAREFUL)
 def test_the_judge_of_cut_ins_is_the_one_that_was_compared(driver: str) -> None:
-    panel = next(p for p in panels(["cut-in"], ROAD)[0] if (p.av_kmh, p.other_kmh) == (90, 40))
+    panel = next(p for p in panels(R157, ["cut-in"], ROAD)[0] if (p.av_kmh, p.other_kmh) == (90, 40))
     gap, across = panel.points
     alone = crashes_at_cut_ins(driver, 25.0, 40 / 3.6, gap, across)
     assert (judged(panel, driver) == alone).mean() > 0.998  # 37 s instead of 35 s
@@ -84,7 +86,7 @@ def test_the_judge_crashes_where_the_public_implementation_does(driver: str) -> 
         rows = {(int(r["ego_kmh"]), int(r["cut_in_kmh"]), float(r["gap_m"]), float(r["lateral_speed_mps"])):
                 r[COLUMN[driver]] == "1" for r in csv.DictReader(file)}  # fmt: skip
     same = []
-    for panel in panels(["cut-in"], ROAD)[0]:
+    for panel in panels(R157, ["cut-in"], ROAD)[0]:
         crashes = judged(panel, driver)
         for crash, gap, across in zip(crashes, *panel.points, strict=True):
             key = (panel.av_kmh, panel.other_kmh, float(gap), float(across))
@@ -96,7 +98,7 @@ def test_the_judge_crashes_where_the_public_implementation_does(driver: str) -> 
 
 def test_the_careful_human_stops_behind_a_lead_that_brakes_by_1_g_at_2_s() -> None:
     """So the regulation says of it (Annex 4, Appendix 3); and so it does not, much nearer."""
-    for panel in panels(["deceleration"], ROAD)[0]:
+    for panel in panels(R157, ["deceleration"], ROAD)[0]:
         gap, braking = panel.points
         crashes = judged(panel, "cc-human")
         assert not crashes[gap == 2.0].any()
@@ -105,8 +107,8 @@ def test_the_careful_human_stops_behind_a_lead_that_brakes_by_1_g_at_2_s() -> No
 
 
 def test_who_holds_its_speed_crashes_into_all_that_is_in_its_way() -> None:
-    for panel in panels(["cut-out", "deceleration"], ROAD)[0][::3]:
-        if panel.other_kmh == 0 or panel.family == "deceleration":
+    for panel in panels(R157, ["cut-out", "deceleration"], ROAD)[0][::3]:
+        if panel.other_kmh == 0 or panel.family.name == "deceleration":
             assert judged(panel, "held speed").all()
 
 

@@ -142,8 +142,8 @@ _GROUPS = {"": app}
 for _name, _help, _example in (
     ("ndd", "The naturalistic driving model.", "ndd show"),
     (
-        "suite", "Small sets of cases to test every version of an AV with.",
-        "suite build out/demo/library --out out/suite",
+        "suite", "Tests for every version of an AV: few cases of many, or a regulation's scenarios.",
+        "suite run aeb --av idm-mobil --out out/aeb",
     ),
     ("road", "Roads: curves, ramps, exits, lane drops, and roads from files.", "road show on-ramp"),
     ("cases", "Cases made of recorded traffic.", "cases from-data trajectories.csv --out out/moments"),

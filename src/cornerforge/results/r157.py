@@ -1,4 +1,4 @@
-"""The result of `r157`."""
+"""The result of `r157` and of `suite run`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 from cornerforge._schema import Share, Whole, meant
 from cornerforge.results.html import Result
 
-__all__ = ["Regulated", "RegulatedFamily", "RegulatedPair", "RegulatedRoads"]
+__all__ = ["Regulated", "RegulatedFamily", "RegulatedPair", "RegulatedRoads", "RegulatedTest"]
 
 _NO_INTERVAL = "A grid is no sample, so there is no interval."
 
@@ -20,7 +20,9 @@ class _Verdicts(Result):
     failed_but_prevented_by: Annotated[
         dict[str, Whole], meant("Those of them that a reference driver drives through without contact, by its name.")
     ]
-    failed_but_prevented_by_all: Annotated[Whole, meant("Those of them that each reference driver prevents.")]
+    failed_but_prevented_by_all: Annotated[
+        Whole, meant("Those of them that each reference driver prevents; reg157 is not asked in aeb's braking.")
+    ]
     failed_but_held_speed_passes: Annotated[
         Whole, meant("Those of them in which a driver that only holds its speed touches nobody: no care was needed.")
     ]
@@ -42,13 +44,16 @@ class RegulatedRoads(Result):
     ]
 
 
+_FAMILY = "Its name; of r157 cut-in, cut-out, deceleration, of aeb stationary, moving, braking."
+
+
 class RegulatedPair(_Verdicts):
     """One family and one pair of speeds."""
 
-    family: Annotated[str, meant('"cut-in", "cut-out" or "deceleration".')]
+    family: Annotated[str, meant(_FAMILY)]
     av_kmh: Annotated[Whole, meant("Speed of the AV at the start.", "km/h")]
     other_kmh: Annotated[
-        Whole, meant("Speed of the vehicle that cuts in, is uncovered, or leads, at the start.", "km/h")
+        Whole, meant("Speed of the vehicle that cuts in, is uncovered, or is ahead, at the start.", "km/h")
     ]
     on_roads: Annotated[
         RegulatedRoads | None, meant("Of a cut-in; null: another family, or a speed at which none were recorded.")
@@ -58,19 +63,38 @@ class RegulatedPair(_Verdicts):
 class RegulatedFamily(_Verdicts):
     """One family of scenarios."""
 
-    family: Annotated[str, meant('"cut-in", "cut-out" or "deceleration".')]
+    family: Annotated[str, meant(_FAMILY)]
     share_failed: Annotated[Share, meant(f"Of its scenarios, from 0 to 1. {_NO_INTERVAL}")]
 
 
-class Regulated(_Verdicts):
-    """An AV in the scenarios of UN Regulation 157."""
+class RegulatedTest(Result):
+    """One test that a protocol demands."""
 
+    scenario: Annotated[Whole, meant("Its number in scenarios.csv.")]
+    family: Annotated[str, meant(_FAMILY)]
+    av_kmh: Annotated[Whole, meant("Speed of the AV at the start.", "km/h")]
+    other_kmh: Annotated[Whole, meant("Speed of the vehicle ahead at the start.", "km/h")]
+    point: Annotated[dict[str, float], meant("What else it is made of, by column of scenarios.csv.")]
+    verdict: Annotated[str, meant('"avoided", "touched", "left its lane", or "no answer".')]
+    touch_kmh: Annotated[float | None, meant("Relative speed along the road at the touch; null without one.", "km/h")]
+    allowed_kmh: Annotated[float | None, meant("Largest that UN R152 allows an AEB; null: none is stated.", "km/h")]
+    reference_touched: Annotated[tuple[str, ...], meant("Reference drivers that touch in it.")]
+
+
+class Regulated(_Verdicts):
+    """An AV in the scenarios of a regulation or a test protocol."""
+
+    suite: Annotated[str, meant('"r157" or "aeb".')]
     av: Annotated[str, meant("The AV.")]
     odd: Annotated[str, meant("The ODD.")]
     share_failed: Annotated[Share, meant(f"Of the scenarios, from 0 to 1. {_NO_INTERVAL}")]
     share_failed_but_prevented_by_all: Annotated[
         Share, meant(f"Scenarios in which the AV fails and no reference driver does, from 0 to 1. {_NO_INTERVAL}")
     ]
+    beyond_allowed: Annotated[
+        Whole, meant("Tests of a protocol in which it touches at a higher speed than UN R152 allows an AEB.")
+    ]
+    tests: Annotated[tuple[RegulatedTest, ...], meant("Tests that the protocols demand; of r157 none is one alone.")]
     av_faults: Annotated[
         Whole, meant("Further scenarios, in which an AV from outside raised, hung or gave no usable answer.")
     ]

@@ -1,14 +1,15 @@
-"""JUnit XML of `retest`, for machines that run tests."""
+"""JUnit XML of `retest` and `suite run`, for machines that run tests."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
 from cornerforge._files import writing
 from cornerforge.results.retest import Retested, RetestedCase
 
-__all__ = ["write_junit"]
+__all__ = ["write_junit", "write_tests"]
 
 _TAGS = {"new-crash": "failure", "failed": "error", "still-crashing": "skipped", "rounded": "skipped"}
 
@@ -33,17 +34,30 @@ def write_junit(file: Path, result: Retested) -> None:
     Raises:
         OutputError: The file cannot be written.
     """
-    kinds = [_found(one) for one in result.each]
+    tests = []
+    for one in result.each:
+        kind = _found(one)
+        tests.append((f"case {one.case}", None if kind is None else _TAGS[kind], _words(one)))
+    write_tests(file, f"cornerforge retest {result.library}", result.av, tests, result.seconds)
+
+
+def write_tests(
+    file: Path, name: str, of: str, tests: Sequence[tuple[str, str | None, str]], seconds: float
+) -> None:  # fmt: skip
+    """Write tests `of` an AV: name, what became of it ("failure", "error", "skipped"; None: it passed), words for that.
+
+    Raises:
+        OutputError: The file cannot be written.
+    """
+    tags = [tag for _, tag, _ in tests]
     suite = ElementTree.Element(
-        "testsuite", name=f"cornerforge retest {result.library}", tests=str(len(kinds)),
-        failures=str(kinds.count("new-crash")), skipped=str(sum(_TAGS.get(kind or "") == "skipped" for kind in kinds)),
-        errors=str(kinds.count("failed")),
-        time=str(result.seconds),
+        "testsuite", name=name, tests=str(len(tests)), failures=str(tags.count("failure")),
+        skipped=str(tags.count("skipped")), errors=str(tags.count("error")), time=str(seconds),
     )  # fmt: skip
-    for one, kind in zip(result.each, kinds, strict=True):
-        case = ElementTree.SubElement(suite, "testcase", classname=result.av, name=f"case {one.case}")
-        if kind is not None:
-            ElementTree.SubElement(case, _TAGS[kind], message=_words(one))
+    for test, tag, words in tests:
+        case = ElementTree.SubElement(suite, "testcase", classname=of, name=test)
+        if tag is not None:
+            ElementTree.SubElement(case, tag, message=words)
     tree = ElementTree.ElementTree(suite)
     ElementTree.indent(tree)
     with writing(file) as part:

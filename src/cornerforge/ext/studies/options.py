@@ -1,4 +1,4 @@
-"""Options of studies: `suite build`, `r157`, `variety`, `plausibility`."""
+"""Options of studies: `suite build`, `suite run`, `r157`, `variety`, `plausibility`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cornerforge._options import Command, LongWork, Resumable
 from cornerforge._schema import meant
 from cornerforge.world_options import BUDGETS, AvAskedOptions, AvOptions, WorldOptions
 
-__all__ = ["BUDGETS_NATS", "COMMANDS", "R157", "PlausibilityStudy", "SuiteBuild", "Variety"]
+__all__ = ["BUDGETS_NATS", "COMMANDS", "R157", "PlausibilityStudy", "SuiteBuild", "SuiteRun", "Variety"]
 
 BUDGETS_NATS = (10.0, 20.0, 40.0, 60.0, 80.0)
 """Likelihood budgets that `plausibility` trains for."""
@@ -37,11 +37,21 @@ class R157(AvOptions, LongWork):
     families: Annotated[
         Sequence[str] | str,
         meant(
-            "cut-in, cut-out or deceleration; may be given again. All by default.",
-            name="--family", near=("cut-in", "cut-out", "deceleration", "all"),
+            "cut-in, cut-out or deceleration of r157; stationary, moving or braking of aeb; may be given again. All by "
+            "default.",
+            name="--family", near=("cut-in", "cut-out", "deceleration", "stationary", "moving", "braking", "all"),
         ),
     ] = "all"  # fmt: skip
     out: Annotated[Path | str | None, meant("Folder for the page, scenarios.csv and the library of failures.")] = None
+
+
+class SuiteRun(R157):
+    """Drive an AV through scenarios of a regulation; exit status 1 if it fails where careful drivers pass."""
+
+    suite: Annotated[
+        str, meant("aeb: rear tests of UN R152 and Euro NCAP; r157.", metavar="SUITE", choices=("aeb", "r157"))
+    ] = field(kw_only=False)
+    junit: Annotated[Path | str | None, meant("New file: JUnit XML.")] = None
 
 
 class Variety(WorldOptions, LongWork):
@@ -81,7 +91,12 @@ COMMANDS = (
         ("cornerforge suite build out/demo/library --size 20 --out out/suite",), name="suite build",
     ),
     Command(
-        R157, "ext.studies.r157:r157", "ext.studies.r157:r157_text",
+        SuiteRun, "ext.studies.suite_run:suite_run", "ext.studies.suite_run:suite_run_text",
+        ("cornerforge suite run aeb --av idm-mobil --out out/aeb",), name="suite run",
+        fails="ext.studies.suite_run:fails_the_suite",
+    ),
+    Command(
+        R157, "ext.studies.suite_run:r157", "ext.studies.suite_run:suite_run_text",
         ("cornerforge r157 --av idm-mobil --out out/r157", "cornerforge r157 --av my_av:MyAv --family cut-in"),
     ),
     Command(

@@ -1,4 +1,4 @@
-"""The page of `r157`: where an AV fails beside what reference drivers prevent, a picture for each pair of speeds."""
+"""The page of `suite run`: where an AV fails beside what reference drivers prevent, a picture for each family."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.ext.studies.r157_scenarios import Driven
+from cornerforge.ext.studies.scenarios import Driven, Suite, glued
 from cornerforge.report import text
 from cornerforge.report.drawing import check_matplotlib, png_of
 from cornerforge.report.rendering import content_policy, environment, template, write_page
 from cornerforge.results import Regulated
 
-__all__ = ["check_r157_page", "write_r157_page"]
+__all__ = ["check_suite_page", "write_suite_page"]
 
 _LINES: dict[str, tuple[str, Any]] = {
     "cc-human": ("#0072B2", "-"),
@@ -27,22 +27,12 @@ _LINES: dict[str, tuple[str, Any]] = {
 """Colour (Okabe and Ito's) and dashes of the edge of what each reference driver prevents."""
 _WITHIN, _BEYOND, _NO_POINT = "#E69F00", "#F9E4B5", "#E4E7EA"
 _PREVENTED, _NOT, _OUT = 2, 1, 3
-_AXES = {
-    "cut-in": ("gap [m]", "lateral speed [m/s]"),
-    "cut-out": ("gap ahead of the lead [m]", "lateral speed [m/s]"),
-    "deceleration": ("time gap [s]", "deceleration [m/s²]"),
-}
-_HEADS = {
-    "cut-in": "Cut-ins: a slower car comes over from the right",
-    "cut-out": "Cut-outs: the lead leaves to the right, a slower or standing car is uncovered",
-    "deceleration": "Decelerations: the lead brakes to a stand",
-}
 _LEAST = 1e-6
 _FEW = 2
 """Largest number of panels for each speed of the AV that stand below each other."""
 
 
-def check_r157_page() -> None:
+def check_suite_page() -> None:
     """Check, before long work, that the page can be made.
 
     Raises:
@@ -52,12 +42,13 @@ def check_r157_page() -> None:
     environment()
 
 
-def write_r157_page(path: Path, result: Regulated, driven: Sequence[Driven]) -> None:
+def write_suite_page(path: Path, suite: Suite, result: Regulated, driven: Sequence[Driven]) -> None:
     """Write the page, which opens from disk and asks nothing from the network.
 
     Args:
         path: The file.
-        result: What `r157` found.
+        suite: The suite.
+        result: What was found.
         driven: All its panels.
 
     Raises:
@@ -71,19 +62,23 @@ def write_r157_page(path: Path, result: Regulated, driven: Sequence[Driven]) -> 
     pages.filters["in10000"] = lambda value: text.rate(10_000 * value, 2)
     pages.filters["small"] = lambda value: "< 0.0001 %" if 0.0 < value < _LEAST else text.share_in_words(value)
     sections = []
+    of_name = {family.name: family for family in suite.families}
     for family in result.families:
-        drawn = png_of(_drawing([one for one in driven if one.panel.family == family.family]))
+        here = [one for one in driven if one.panel.family.name == family.family]
         sections.append(
             {
                 "family": family,
-                "head": _HEADS[family.family],
-                "axes": _AXES[family.family],
-                "picture": base64.b64encode(drawn).decode("ascii"),
+                "head": of_name[family.family].head,
+                "of": of_name[family.family],
+                "titles": [title for one in glued(here) if (title := _title(one))],
+                "picture": base64.b64encode(png_of(_drawing(glued(here)))).decode("ascii"),
                 "pairs": [pair for pair in result.pairs if pair.family == family.family],
+                "tests": [test for test in result.tests if test.family == family.family],
             }
         )
-    page = pages.get_template("r157.html.j2").render(
+    page = pages.get_template("suite.html.j2").render(
         r=result,
+        suite=suite,
         sections=sections,
         drivers=list(_LINES),
         style=Markup(template("report.css")),
@@ -104,7 +99,8 @@ def _drawing(driven: Sequence[Driven]) -> Any:
     if columns <= _FEW:
         rows = [list(row) for row in zip(*rows, strict=True)]
         columns = len(speeds)
-    drawing = Figure(figsize=(1.2 + 2.1 * columns, 1.0 + 1.9 * len(rows)), layout="constrained")
+    size = (8.6, 4.8) if len(driven) == 1 else (1.2 + 2.1 * columns, 1.0 + 1.9 * len(rows))
+    drawing = Figure(figsize=size, layout="constrained")
     panels = drawing.subplots(len(rows), columns, squeeze=False)
     for row, line in zip(panels, rows, strict=True):
         for place, panel in enumerate(row):
@@ -118,10 +114,13 @@ def _drawing(driven: Sequence[Driven]) -> Any:
         Patch(facecolor=_BEYOND, label="the AV fails, and so do all four"),
         *([Patch(facecolor=_NO_POINT, label="not possible: the lead would hit it")]
           if any(not one.panel.possible.all() for one in driven) else []),
+        *([Line2D([], [], color="#333333", marker="o", markersize=2.5, linestyle="", label="a test of a protocol")]
+          if any(one.panel.tests.any() for one in driven) else []),
         *(Line2D([], [], color=colour, linestyle=dash, linewidth=1.6, label=f"{name}: edge of its crashes")
           for name, (colour, dash) in _LINES.items()),
     ]  # fmt: skip
-    drawing.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=9, frameon=False)
+    many = 4 if len(driven) > 1 else 2
+    drawing.legend(handles=handles, loc="outside lower center", ncols=many, fontsize=9, frameon=False)
     return drawing
 
 
@@ -140,15 +139,23 @@ def _draw(panel: Any, one: Driven, *, first: bool, last: bool) -> None:
     for name, (colour, dash) in _LINES.items():
         lines = _outline(crashes[name] & of.possible, of.possible, x, y)
         panel.add_collection(LineCollection(lines, colors=colour, linestyles=dash, linewidths=1.5))
-    title = f"{of.av_kmh} → {of.other_kmh} km/h" if of.family != "deceleration" else f"{of.av_kmh} km/h"
-    panel.set_title(title, fontsize=9)
+    at_x, at_y = np.nonzero(one.cells(of.tests))
+    panel.plot(of.across[at_x], of.up[at_y], "o", color="#333333", markersize=2.5)
+    panel.set_title(_title(one), fontsize=9)
     panel.tick_params(labelsize=7)
     panel.spines[["top", "right"]].set_visible(False)
-    across, up = _AXES[of.family]
     if first:
-        panel.set_ylabel(up, fontsize=8)
+        panel.set_ylabel(of.family.up.label, fontsize=8)
     if last:
-        panel.set_xlabel(across, fontsize=8)
+        panel.set_xlabel(of.family.across.label, fontsize=8)
+
+
+def _title(one: Driven) -> str:
+    """Name the speeds of a panel; "" where its axis does."""
+    of = one.panel
+    if of.family.across.column == "av_kmh":
+        return ""
+    return f"{of.av_kmh} km/h" if of.av_kmh == of.other_kmh else f"{of.av_kmh} → {of.other_kmh} km/h"
 
 
 def _edges(values: NDArray[np.float64]) -> NDArray[np.float64]:
