@@ -11,16 +11,21 @@ from scipy import stats
 from statistical_bounds import distance_to_law, dkw_bound
 
 from cornerforge.errors import FileFormatError, InputError
+from cornerforge.experiment.roads import odd_on, road_named
 from cornerforge.ext.calibrate.uncertainty import (
     DESIGN_EFFECT,
+    LAWS,
     UNCERTAIN,
     check_drawable,
+    drawn_laws,
     drawn_model,
     drawn_variations,
     widths,
 )
 from cornerforge.ext.calibrate.variations import counted_decisions, varied_model
 from cornerforge.ndd.model import NddModel, model_hash
+from cornerforge.road.straight import LawFactors, road_numbers
+from cornerforge.types import Odd
 
 DRAWS = 4000
 
@@ -125,9 +130,30 @@ def test_what_cannot_be_drawn_is_refused_in_one_sentence(model: NddModel) -> Non
         drawn_model(model, 1, -1)
 
 
+def test_laws_are_drawn_where_they_hold() -> None:
+    """Unit: a draw, n 4,000; the bound as for the factors of a model."""
+    ramp, dense = road_numbers(odd_on(Odd(), road_named("on-ramp"))), road_numbers(Odd(traffic="dense"))
+    assert drawn_laws(road_numbers(Odd()), 5, 0) == {}
+    assert drawn_laws(road_numbers(odd_on(Odd(), road_named("curves"))), 5, 0) == {}
+    everywhere, stopping = drawn_laws(ramp, 5, 0), drawn_laws(dense, 5, 0)
+    assert stopping == {row: factor for row, factor in everywhere.items() if row.part == "stopping"}
+    assert {row.part for row in LAWS} == {"merging", "stopping"}
+    assert drawn_laws(ramp, 5, 1) != everywhere != drawn_laws(ramp, 6, 0)
+    drawn = [drawn_laws(ramp, 5, k) for k in range(DRAWS)]
+    free = 0
+    for row in LAWS:
+        of = np.array([factors[row] for factors in drawn])
+        assert 0.0 < of.min() < of.max() <= row.most
+        if (of == row.most).mean() < 0.05:
+            free += 1
+            assert distance_to_law(np.log(of), stats.norm(0.0, row.width)) < dkw_bound(DRAWS, len(LAWS)), row
+    assert free == len(LAWS) - 1, "no vehicle brakes harder than its own braking is"
+
+
 def test_the_table_states_its_sources() -> None:
-    names = [(row.part, row.field) for row in UNCERTAIN]
+    names = [(row.part, row.field) for row in (*UNCERTAIN, *LAWS)]
     assert len(set(names)) == len(names)
-    for row in UNCERTAIN:
+    assert {row.field for row in LAWS} == set(LawFactors._fields)
+    for row in (*UNCERTAIN, *LAWS):
         assert 0.0 < row.width < 1.0
         assert len(row.source) > 20

@@ -16,7 +16,7 @@ import cornerforge
 from cornerforge._checksums import with_checksum
 from cornerforge.cli import main
 from cornerforge.errors import FileFormatError, InputError
-from cornerforge.ext.calibrate.uncertainty import drawn_model, drawn_variations
+from cornerforge.ext.calibrate.uncertainty import LAWS, drawn_laws, drawn_model, drawn_variations
 from cornerforge.ext.calibrate.variations import Variation, varied_model
 from cornerforge.ext.studies import model_draws
 from cornerforge.ndd import default_model_path, load_model, save_model
@@ -92,6 +92,31 @@ def test_counted_draws_widen_the_interval_and_are_what_their_models_crash(
     counted = cornerforge.simulate(**{**world, "model": tmp_path / "drawn.npz", "seed": seed}, tests=model.tests_each)
     assert kept["rate"] == pytest.approx(counted.crashes_per_test)
     assert counted.av_crashes > 0, "or the test shows nothing"
+
+
+def test_draws_on_an_on_ramp_draw_its_laws_too(
+    world: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = {"av": world["av"], "road": "on-ramp", "seed": 3, "model": world["model"]}
+    given |= {"method": "mc", "max_tests": 4_000, "target_rhw": 0.001, "model_draws": 5}
+
+    def kept(name: str) -> list[dict[str, Any]]:
+        cornerforge.rate(**given, out=tmp_path / name)
+        return [json.loads(path.read_text()) for path in sorted((tmp_path / name / "draws").iterdir())]
+
+    with_laws = kept("with")
+    monkeypatch.setattr(model_draws, "drawn_laws", lambda *_: {})
+    without = kept("without")
+    for one, other in zip(with_laws, without, strict=True):
+        laws = set(one["factors"]) - set(other["factors"])
+        assert laws == {f"{row.part}.{row.field}" for row in LAWS}
+        assert one["model_hash"] == other["model_hash"]
+    assert [one["bv_crashes"] for one in with_laws] != [one["bv_crashes"] for one in without]
+    monkeypatch.setattr(model_draws, "drawn_laws", drawn_laws)
+    before = {**with_laws[2], "factors": without[2]["factors"], "bv_crashes": 10**6}  # of a version without laws
+    write_object(tmp_path / "with" / "draws" / "0002.json", before)
+    given["resume"] = True
+    assert [one["bv_crashes"] for one in kept("with")] == [one["bv_crashes"] for one in with_laws], "driven again"
 
 
 def test_a_stop_loses_one_draw_and_damage_is_told(

@@ -16,7 +16,7 @@ from cornerforge.experiment.roads import odd_on, road_named
 from cornerforge.ndd.model import NddModel
 from cornerforge.road.lanes import PACE_STEP, lanes_of, must_leave_by, side_to_leave
 from cornerforge.road.reference import ReferenceLine
-from cornerforge.road.straight import road_numbers
+from cornerforge.road.straight import STATED, LawFactors, road_numbers
 from cornerforge.sim.keep import keep_nothing, keep_whole_test
 from cornerforge.sim.loop import NEVER, advance
 from cornerforge.sim.merging import pressed_chance
@@ -63,13 +63,20 @@ def must_merge(world: World, setting: Setting) -> list[int]:
 
 
 @pytest.mark.parametrize(
-    ("name", "seconds"), [("on-ramp", 3), ("lane-drop", 4), ("weaving", 4), ("dense", 5), ("queue", 8)]
-)
-def test_what_is_stated_is_what_is_drawn_where_traffic_stops(model: NddModel, name: str, seconds: int) -> None:
+    ("name", "seconds", "law"),
+    [
+        ("on-ramp", 3, STATED), ("lane-drop", 4, STATED), ("weaving", 4, STATED), ("dense", 5, STATED),
+        ("queue", 8, STATED), ("weaving", 4, LawFactors(1.5, 2.0, 0.5, 1.5, 4.0, 0.7, 0.8, 1.4, 0.5)),
+    ],
+)  # fmt: skip
+def test_what_is_stated_is_what_is_drawn_where_traffic_stops(
+    model: NddModel, name: str, seconds: int, law: LawFactors
+) -> None:  # fmt: skip
     # H0: a BV's action is an independent draw of its stated probabilities; unit: a draw; n = 40,000 sees an L1
     # distance of 0.045; over all BVs of five worlds.
     odd = odd_of(name)
     setting = setting_of(replace(model, memory=replace(model.memory, away=0.05)), odd)
+    setting = setting._replace(road=setting.road._replace(law=law))
     worlds = (driven(odd, setting, seconds, test) for test in range(20))
     world = next(w for w in worlds if name in TRAFFIC or len(must_merge(w, setting)) > 1)
     v = world.vehicles
@@ -124,9 +131,9 @@ def test_a_road_whose_lanes_go_on_is_the_straight_one(model: NddModel) -> None:
 
 
 def test_gaps_are_taken_that_the_rear_vehicle_can_bear() -> None:
-    assert pressed_chance(1.0, 14.0, 0.0, 20.0) == pytest.approx(12.0 / 13.0)
-    assert pressed_chance(1.0, 27.0, -10.0, 30.0) == 0.0  # it would need 2 m/s2
-    assert pressed_chance(0.0, 50.0, 0.0, 30.0) == pressed_chance(1.0, 2.0, 5.0, 30.0) == 0.0
+    assert pressed_chance(1.0, 14.0, 0.0, 20.0, STATED) == pytest.approx(12.0 / 13.0)
+    assert pressed_chance(1.0, 27.0, -10.0, 30.0, STATED) == 0.0  # it would need 2 m/s2
+    assert pressed_chance(0.0, 50.0, 0.0, 30.0, STATED) == pressed_chance(1.0, 2.0, 5.0, 30.0, STATED) == 0.0
 
 
 def test_urgency_grows_to_the_end_of_a_lane() -> None:

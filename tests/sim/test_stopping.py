@@ -14,6 +14,7 @@ from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError
 from cornerforge.experiment.setting import experiment
 from cornerforge.ndd.model import NddModel
+from cornerforge.road.straight import road_numbers
 from cornerforge.sim.braking import acceleration_of, braking_within, looks_away_chance, safely_behind
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.loop import advance
@@ -98,7 +99,7 @@ def test_safely_behind_leaves_room_to_stop() -> None:
     for _ in range(300):
         speed, other, gap = rng.uniform(0, 35), rng.uniform(0, 35), rng.uniform(1, 60)
         world = hand_built_world([Car(0.0, 1, speed), Car(gap + 5.0, 1, other)])
-        safe = float(safely_behind(world.vehicles, 0, 1))
+        safe = float(safely_behind(world.vehicles, 0, 1, road_numbers(QUEUE)))
         if safe < -speed + 0.1 or safe > 2.0:
             continue
         bound += 1

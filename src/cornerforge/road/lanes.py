@@ -42,6 +42,7 @@ __all__ = [
     "side_to_leave",
     "side_to_leave_lane",
     "takes_exit",
+    "urgent_time",
     "way_left",
 ]  # fmt: skip
 
@@ -262,10 +263,16 @@ def way_left(v: NDArray[np.void], i: int, lane: int, road: RoadNumbers) -> float
 
 
 @inlined_kernel
+def urgent_time(i: int, road: RoadNumbers) -> float:
+    """Compute the time before the end of a lane from which vehicle i wants to leave it [s]; the AV's is never drawn."""
+    return URGENT_TIME if i == 0 else URGENT_TIME * road.law.urgent_time
+
+
+@inlined_kernel
 def side_to_leave(v: NDArray[np.void], i: int, road: RoadNumbers) -> tuple[int, float]:
     """Find the side to which vehicle i must change lanes sooner or later, and how urgent that is.
 
-    The urgency grows from 0, `URGENT_TIME` before the lane must be left, to 1 there; for each further lane to cross to
+    The urgency grows from 0, `urgent_time` before the lane must be left, to 1 there; for each further lane to cross to
     an exit it begins so much earlier.
 
     Returns:
@@ -297,7 +304,7 @@ def side_to_leave_lane(v: NDArray[np.void], i: int, lane: int, road: RoadNumbers
     if not -NO_PLACE < by < NO_PLACE:
         return 0, 0.0
     time = (by - x) / (max(v[i].speed, _LEAST_SPEED) * lanes)
-    urgency = min(1.0, 1.0 - time / URGENT_TIME)
+    urgency = min(1.0, 1.0 - time / urgent_time(i, road))
     return (side, urgency) if urgency > 0.0 else (0, 0.0)
 
 

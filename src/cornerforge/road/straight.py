@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from cornerforge.types import Odd
 
 __all__ = [
+    "STATED",
+    "LawFactors",
     "RoadNumbers",
     "ahead_by",
     "along",
@@ -41,6 +43,35 @@ __all__ = [
 ]
 
 
+class LawFactors(NamedTuple):
+    """Factors of numbers of the stated laws of merging and of stopping: all 1 but in a drawn model.
+
+    They are those of the BVs: an AV under test stays what it is. Their widths: `ext.calibrate.uncertainty`.
+
+    Attributes:
+        urgent_time: Of `lanes.URGENT_TIME`.
+        accepts_braking, accepts_time: Of the braking and the time gap of `sim.merging.pressed_chance`.
+        lets_in: Of the share of drivers that let others in.
+        looks_again: Of `sim.merging.LOOKS_AGAIN`.
+        stops_with: Of the braking with which drivers come to a stop behind what stops (`sim.braking`).
+        own, theirs: Of the braking that `sim.braking.safely_behind` expects of a driver and of its lead.
+        warned: Of the braking from which on a driver does not begin to look away.
+    """
+
+    urgent_time: float = 1.0
+    accepts_braking: float = 1.0
+    accepts_time: float = 1.0
+    lets_in: float = 1.0
+    looks_again: float = 1.0
+    stops_with: float = 1.0
+    own: float = 1.0
+    theirs: float = 1.0
+    warned: float = 1.0
+
+
+STATED = LawFactors()
+
+
 class RoadNumbers(NamedTuple):
     """`Odd` as kernels take it; units as there.
 
@@ -58,6 +89,7 @@ class RoadNumbers(NamedTuple):
             speeds, and brake as hard as they must.
         queue: There is a queue ahead of the AV.
         spacing: `Odd.spacing`.
+        law: Factors of the laws by which BVs merge and stop; not read where lanes go on and none stops.
     """
 
     n_lanes: int
@@ -90,6 +122,7 @@ class RoadNumbers(NamedTuple):
     stops: bool
     queue: bool
     spacing: float
+    law: LawFactors = STATED
 
 
 def road_numbers(odd: Odd) -> RoadNumbers:

@@ -119,7 +119,7 @@ def last_to_stop(w: World, road: RoadNumbers) -> int:
 
 
 @inlined_kernel
-def braking_behind(v: NDArray[np.void], i: int, j: int, queued: float) -> float:
+def braking_behind(v: NDArray[np.void], i: int, j: int, queued: float, road: RoadNumbers) -> float:
     """Compute the braking with which vehicle i stops behind j if that goes on to brake [m/s2]; 0: none yet.
 
     `queued`: room that the vehicles between them take when they stand [m]. The tables of the naturalistic model say
@@ -128,21 +128,23 @@ def braking_behind(v: NDArray[np.void], i: int, j: int, queued: float) -> float:
     if not comes_to_stop(v, j):
         return 0.0
     way = v[j].speed * v[j].speed / (2.0 * max(-v[j].acceleration, _BRAKES))
-    return braking_within(v[i].speed, max(gap(v, i, j) - STANDS_BEHIND - queued + way, 0.1), _STOPS_WITH)
+    room = max(gap(v, i, j) - STANDS_BEHIND - queued + way, 0.1)
+    return braking_within(v[i].speed, room, _STOPS_WITH * road.law.stops_with)
 
 
 @inlined_kernel
-def safely_behind(v: NDArray[np.void], i: int, j: int) -> float:
+def safely_behind(v: NDArray[np.void], i: int, j: int, road: RoadNumbers) -> float:
     """Compute the largest acceleration of vehicle i with which, a second later, it can still stop behind j [m/s2].
 
     The vehicle ahead is thought to brake by 6 m/s2 then, and i half a second later by 8: Gipps's (1981) rule with
     harder braking, so that it binds only those that come very near. Of I-80's and US-101's decisions 0.1 to 0.6 % by
     speed are above it.
     """
+    own, theirs = _OWN * road.law.own, _THEIRS * road.law.theirs
     other = max(v[j].speed + v[j].acceleration, 0.0)
-    room = gap(v, i, j) - _MARGIN + 0.5 * (v[j].speed + other) + other * other / (2.0 * _THEIRS) - 0.5 * v[i].speed
+    room = gap(v, i, j) - _MARGIN + 0.5 * (v[j].speed + other) + other * other / (2.0 * theirs) - 0.5 * v[i].speed
     delay = _LATE + 0.5
-    speed = _OWN * (math.sqrt(max(delay * delay + 2.0 * room / _OWN, 0.0)) - delay)
+    speed = own * (math.sqrt(max(delay * delay + 2.0 * room / own, 0.0)) - delay)
     safe: float = max(speed, 0.0) - v[i].speed
     return safe
 
@@ -150,7 +152,7 @@ def safely_behind(v: NDArray[np.void], i: int, j: int) -> float:
 @inlined_kernel
 def looks_away_chance(v: NDArray[np.void], i: int, road: RoadNumbers, memory: MemoryNumbers) -> float:
     """Compute P(the driver of slot i looks away in this second)."""
-    if road.stops and v[i].away == 0 and v[i].commanded < _WARNED:
+    if road.stops and v[i].away == 0 and v[i].commanded < _WARNED * road.law.warned:
         return 0.0
     chance: float = away_chance(v[i].away, v[i].inattention, memory)
     return chance

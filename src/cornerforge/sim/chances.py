@@ -128,13 +128,13 @@ def side_chance(
     if base == 0.0 or (lane >= road.truck_lanes and v[i].kind == TRUCK):
         return 0.0
     if wish.urgency > 0.0:
-        overlook *= LOOKS_AGAIN
+        overlook *= LOOKS_AGAIN * road.law.looks_again
     lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, HUMAN)
     chance = base
     if lead >= 0:
         room, rate = gap(v, i, lead), v[lead].speed - v[i].speed
         accept = accept_chance(tables.lc_accept, 0, room, rate)
-        accept = max(accept, pressed_chance(wish.urgency, room, rate, v[i].speed))
+        accept = max(accept, pressed_chance(wish.urgency, room, rate, v[i].speed, road.law))
         chance *= overlook + (1.0 - overlook) * accept
     if rear >= 0:
         room = gap(v, rear, i)
@@ -142,7 +142,7 @@ def side_chance(
         accept = accept_chance(tables.lc_accept, 1, room, rate)
         if room >= IGNORED_FROM:
             accept += road.ignored_rear * (1.0 - accept)
-        accept = max(accept, pressed_chance(wish.urgency, room, rate, v[rear].speed))
+        accept = max(accept, pressed_chance(wish.urgency, room, rate, v[rear].speed, road.law))
         chance *= overlook + (1.0 - overlook) * accept
     return chance
 

@@ -13,16 +13,16 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.drivers.sight import HUMAN
 from cornerforge.road.lanes import (
     ROOM_TO_START,
-    URGENT_TIME,
     has_lane,
     hurry,
     on_a_ramp,
     room_to_stop,
     side_to_leave,
     side_to_leave_lane,
+    urgent_time,
     way_left,
 )
-from cornerforge.road.straight import ahead_by, gap, lane_of
+from cornerforge.road.straight import STATED, ahead_by, gap, lane_of
 from cornerforge.sim.braking import STANDS_BEHIND, braking_behind, braking_within, safely_behind
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.drivers.sight import SightNumbers
-    from cornerforge.road.straight import RoadNumbers
+    from cornerforge.road.straight import LawFactors, RoadNumbers
     from cornerforge.sim.world import World
 
 __all__ = [
@@ -107,7 +107,7 @@ def _wish_where_lanes_end(v: NDArray[np.void], i: int, base: float, road: RoadNu
     """Make the wish of vehicle i on a road where lanes end.
 
     A driver that must leave its lane wants to with the chance of twice its urgency a second, and not to the other side.
-    None wants into a lane that must be left within `URGENT_TIME`, unless that lane goes further than its own.
+    None wants into a lane that must be left within `urgent_time`, unless that lane goes further than its own.
     """
     if on_a_ramp(v[i].target_lane, v[i].x, road):
         return Wish(0.0, 0.0, 0.0)
@@ -130,23 +130,24 @@ def accepts(w: World, i: int, lane: int, urgency: float, sight: SightNumbers, ro
     lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, sight)
     chance = 1.0
     if lead >= 0:
-        chance = pressed_chance(urgency, gap(v, i, lead), v[lead].speed - v[i].speed, v[i].speed)
+        chance = pressed_chance(urgency, gap(v, i, lead), v[lead].speed - v[i].speed, v[i].speed, STATED)
     if rear >= 0:
-        chance = min(chance, pressed_chance(urgency, gap(v, rear, i), v[i].speed - v[rear].speed, v[rear].speed))
+        rate, speed = v[i].speed - v[rear].speed, v[rear].speed
+        chance = min(chance, pressed_chance(urgency, gap(v, rear, i), rate, speed, STATED))
     return chance > 1.0 - urgency
 
 
 @inlined_kernel
 def _goes_on(v: NDArray[np.void], i: int, lane: int, road: RoadNumbers) -> bool:
-    """Is there a lane that need not be left within `URGENT_TIME`?"""
+    """Is there a lane that need not be left within `urgent_time`?"""
     if lane < 0 or lane >= road.n_lanes:
         return False
-    goes_on: bool = way_left(v, i, lane, road) > URGENT_TIME * v[i].speed
+    goes_on: bool = way_left(v, i, lane, road) > urgent_time(i, road) * v[i].speed
     return goes_on
 
 
 @inlined_kernel
-def pressed_chance(urgency: float, room: float, range_rate: float, rear_speed: float) -> float:
+def pressed_chance(urgency: float, room: float, range_rate: float, rear_speed: float, law: LawFactors) -> float:
     """Compute the chance that a driver which must leave its lane takes a gap to one neighbour for that reason.
 
     It falls evenly with the braking that the rear one of both then needs, and with a time gap below 0.6 s.
@@ -156,13 +157,14 @@ def pressed_chance(urgency: float, room: float, range_rate: float, rear_speed: f
         room: Gap [m].
         range_rate: Front minus rear vehicle of the two [m/s].
         rear_speed: Speed of the rear one [m/s].
+        law: Factors of the stated numbers.
     """
     spare = room - _ACCEPTS_GAP
     if urgency == 0.0 or spare <= 0.0:
         return 0.0
     closing = min(range_rate, 0.0)
-    eases = max(0.0, 1.0 - closing * closing / (2.0 * spare * _ACCEPTS_BRAKING))
-    return eases * min(1.0, spare / (_ACCEPTS_TIME * rear_speed + 1.0))
+    eases = max(0.0, 1.0 - closing * closing / (2.0 * spare * _ACCEPTS_BRAKING * law.accepts_braking))
+    return eases * min(1.0, spare / (_ACCEPTS_TIME * law.accepts_time * rear_speed + 1.0))
 
 
 # Speed
@@ -222,7 +224,7 @@ def suitable_accelerations(w: World, i: int, rank: int, last: int, road: RoadNum
     side, _ = side_to_leave(v, i, road)
     if side != 0 and v[i].duration == 0.0 and has_lane(v[i].target_lane + side, v[i].x, road):
         least, most = come_beside(w, i, v[i].target_lane + side, road)
-    lets_in = road.lanes.varied and side == 0 and v[i].duration == 0.0 and v[i].habit < _LETS_IN
+    lets_in = road.lanes.varied and side == 0 and v[i].duration == 0.0 and v[i].habit < _LETS_IN * road.law.lets_in
     braking = braking_for_end(v, i, road)
     unled, queued = v[i].lanes, 0.0
     aside = _LET_IN_TIME * v[i].speed + road.longest if lets_in else 0.0
@@ -236,8 +238,8 @@ def suitable_accelerations(w: World, i: int, rank: int, last: int, road: RoadNum
         if v[j].lanes & v[i].lanes != 0:
             if heeds(v, i, j, v[j].lanes, road):
                 if v[j].lanes & unled != 0:
-                    most = min(most, safely_behind(v, i, j))
-                braking = max(braking, braking_behind(v, i, j, queued))
+                    most = min(most, safely_behind(v, i, j, road))
+                braking = max(braking, braking_behind(v, i, j, queued, road))
                 if v[j].lanes & (1 << v[i].target_lane):
                     queued += v[j].length + STANDS_BEHIND
             unled &= ~v[j].lanes

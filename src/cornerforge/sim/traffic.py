@@ -328,8 +328,9 @@ def _has_room(w: World, x: float, lane: int, speed: float, road: RoadNumbers) ->
     if on_a_ramp(lane, x, road):
         return draw < _RAMP_SHARE
     time = (must_leave_by(lane, x, False, road) - x) / speed
-    late = max(0.0, 1.0 - time / URGENT_TIME)
-    return has_lane(lane, x, road) and draw < exp(-URGENT_TIME * late * late)
+    horizon = URGENT_TIME * road.law.urgent_time
+    late = max(0.0, 1.0 - time / horizon)
+    return has_lane(lane, x, road) and draw < exp(-horizon * late * late)
 
 
 @kernel

@@ -1,7 +1,8 @@
 """Models as uncertain as the naturalistic model itself is: each uncertain number is drawn, and so are rows of data.
 
-`UNCERTAIN` is the one table of the uncertain numbers, their spread, and its source. A draw multiplies each number by an
-independent log-normal factor of median 1. Where a model's own fit states an interval of a number, its width is taken.
+`UNCERTAIN` is the one table of the uncertain numbers, their spread, and its source; `LAWS` goes on with those of the
+stated laws of merging and of stopping. A draw multiplies each number by an independent log-normal factor of median 1.
+Where a model's own fit states an interval of a number, its width is taken.
 See docs/adr/0034-the-models-own-uncertainty.md.
 """
 
@@ -10,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,13 @@ from cornerforge.errors import FileFormatError, InputError
 from cornerforge.ext.calibrate.variations import Variation, counted_decisions, section, varied_model
 from cornerforge.ndd.model import NddModel
 
-__all__ = ["DESIGN_EFFECT", "UNCERTAIN", "Uncertain", "check_drawable", "drawn_model", "drawn_variations", "widths"]
+if TYPE_CHECKING:
+    from cornerforge.road.straight import RoadNumbers
+
+__all__ = [
+    "DESIGN_EFFECT", "LAWS", "UNCERTAIN", "Uncertain", "check_drawable", "drawn_laws", "drawn_model",
+    "drawn_variations", "widths",
+]  # fmt: skip
 
 _Z95 = 1.959963984540054
 
@@ -30,10 +37,10 @@ class Uncertain:
     """One number of the model that is uncertain.
 
     Attributes:
-        part, field: Where it is; as of `Variation`.
+        part, field: Where it is; as of `Variation`, or the law and a name of `road.straight.LawFactors`.
         width: Standard deviation of its natural logarithm.
         source: Source of the width, in words.
-        most, least: Largest and smallest value allowed; draws beyond them are cut to them.
+        most, least: Largest and smallest value allowed (of `LAWS`: factor); draws beyond them are cut to them.
         measured: The width comes from data; else it is a judgement.
     """
 
@@ -72,6 +79,18 @@ UNCERTAIN: tuple[Uncertain, ...] = (
     Uncertain("lane_change", "rear_looming", 0.40, "matched to recorded cut-ins (ADR 70)"),
 )
 """Uncertain numbers of the shipped model, and their spread."""
+LAWS: tuple[Uncertain, ...] = (
+    Uncertain("merging", "urgent_time", 0.35, "signs stand 400 to 800 m before it: 13 to 27 s (RSA 21, MUTCD 2C-4)"),
+    Uncertain("merging", "accepts_braking", 0.35, "VISSIM: 1 accepted, 2.5 to 4 m/s2 at most (10.1155/2020/8850591)"),
+    Uncertain("merging", "accepts_time", 0.25, "5 % follow within 0.61 s on US-101, 0.80 s in I-80's HOV lane"),
+    Uncertain("merging", "lets_in", 0.35, "a judgement: a quarter to all; no published share was found", 2.0),
+    Uncertain("merging", "looks_again", 0.69, "a judgement: a factor of 2, as overlook", 10.0),
+    Uncertain("stopping", "stops_with", 0.20, "usual stops peak at 2.5 m/s2 (Roenitz 1999), roads allow for 3.4"),
+    Uncertain("stopping", "own", 0.15, "a judgement: 6 m/s2 and more; no vehicle here brakes by more than 8", 1.0),
+    Uncertain("stopping", "theirs", 0.20, "a judgement: 4 m/s2, the hardest of the tables, to 9 on a dry road"),
+    Uncertain("stopping", "warned", 0.69, "a judgement: a factor of 2"),
+)
+"""Uncertain numbers of the stated laws (ADR 77, 78), and their spread; no source measured one of them as used here."""
 DESIGN_EFFECT = 1.12
 """Number of decisions in one state of the table that carry as much information as one of independent drivers: 1.34 are
 of one driver, with a correlation of 0.35 (benchmarks/model_widths.py)."""
@@ -154,6 +173,20 @@ def drawn_variations(model: NddModel, seed: int, k: int) -> tuple[Variation, ...
             highest, lowest = max(1.0, row.most / value), min(1.0, row.least / value)
             found.append(Variation(row.part, row.field, min(max(factor, lowest), highest)))
     return tuple(found)
+
+
+def drawn_laws(road: RoadNumbers, seed: int, k: int) -> dict[Uncertain, float]:
+    """Draw the factors of the stated laws that hold on a road: none where lanes go on and traffic is free.
+
+    Args:
+        road: Constants of the road.
+        seed: 0 or more.
+        k: Number of the draw, 0 or more.
+    """
+    rng = _generator(seed, k, 2)
+    factors = [(row, math.exp(row.width * float(rng.standard_normal()))) for row in LAWS]
+    holds = {"merging": road.lanes.varied, "stopping": road.stops}
+    return {row: min(max(factor, row.least), row.most) for row, factor in factors if holds[row.part]}
 
 
 def drawn_model(model: NddModel, seed: int, k: int) -> NddModel:

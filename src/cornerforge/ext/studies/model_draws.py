@@ -2,7 +2,7 @@
 
 Each drawn model is driven with tests or trees of its own; no test is reweighted. Plain tests say how often its BVs
 crash into one another, and a model that is unlike people in that counts for less. `draws/` holds a file a model; a kill
-loses the model in progress. Tests driven otherwise (another method, another number) are driven again.
+loses the model in progress. Tests driven otherwise (another method, number or factor) are driven again.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.errors import InputError
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.output import read_json_file, write_json
-from cornerforge.ext.calibrate.uncertainty import check_drawable, drawn_model, drawn_variations
+from cornerforge.ext.calibrate.uncertainty import check_drawable, drawn_laws, drawn_model, drawn_variations
 from cornerforge.ndd.model import NddModel, model_hash
 from cornerforge.rates.branching import Plan, TreeDriver, drive_trees
 from cornerforge.rates.model_uncertainty import (
@@ -38,6 +38,7 @@ from cornerforge.rates.monte_carlo import BLOCK, drive_block
 from cornerforge.rates.weighted import weighted_rate
 from cornerforge.results import NaturalRate
 from cornerforge.results.driving import Cost, ModelUncertainty
+from cornerforge.road.straight import LawFactors
 from cornerforge.sim import controllers
 from cornerforge.work.progress import Progress
 
@@ -133,7 +134,8 @@ def with_model_draws(
         if place is not None and place.exists():
             draw = read(Draw, read_json_file(place), f"{place} is damaged", "remove it, or choose another place.")
         tell(0)
-        if draw is None or (draw.method, draw.tests, draw.traffic_tests) != (method, tests, _TRAFFIC_TESTS):
+        driven = (method, tests, _TRAFFIC_TESTS, _factors(run, seed, k))
+        if draw is None or (draw.method, draw.tests, draw.traffic_tests, draw.factors) != driven:
             draw = _driven(run, seed, k, drive, method, tests, threads, tell)
             if place is not None:
                 write_json(place, msgspec.structs.asdict(draw))
@@ -148,16 +150,21 @@ def _tests_each(found: NaturalRate) -> int:
     return min(found.tests, wanted)
 
 
+def _factors(run: Experiment, seed: int, k: int) -> dict[str, float]:
+    laws = drawn_laws(run.setting.road, seed, k)
+    return {f"{v.part}.{v.field}": v.factor for v in drawn_variations(run.model, seed, k)} | {
+        f"{row.part}.{row.field}": factor for row, factor in laws.items()
+    }
+
+
 def _driven(
     run: Experiment, seed: int, k: int, drive: _Drive, method: str, tests: int, threads: int,
     tell: Callable[[int], None],
 ) -> Draw:  # fmt: skip
-    model = drawn_model(run.model, seed, k)
-    changed = replace(
-        run,
-        model=model,
-        setting=run.setting._replace(tables=tables_of(model, stops=run.setting.road.stops, traffic=run.odd.traffic)),
-    )
+    model, road = drawn_model(run.model, seed, k), run.setting.road
+    law = LawFactors(**{row.field: factor for row, factor in drawn_laws(road, seed, k).items()})
+    tables = tables_of(model, stops=road.stops, traffic=run.odd.traffic)
+    changed = replace(run, model=model, setting=run.setting._replace(tables=tables, road=road._replace(law=law)))
     own_seed = int(np.random.SeedSequence([seed, _USE, k]).generate_state(1, np.uint64)[0] >> np.uint64(1))
     begun = time.perf_counter()
     came_to = drive(changed, own_seed, tell)
@@ -167,11 +174,10 @@ def _driven(
         threads=threads,
     )  # fmt: skip
     came_to["cpu_seconds"] = round(came_to["cpu_seconds"] + traffic.cpu_seconds, 3)
-    factors = {f"{v.part}.{v.field}": v.factor for v in drawn_variations(run.model, seed, k)}
     seconds = round(time.perf_counter() - begun, 3)
     return Draw(
-        method=method, tests=tests, model_hash=model_hash(model), factors=factors, seconds=seconds,
-        traffic_tests=traffic.tests, bv_crashes=traffic.bv_crashes, **came_to,
+        method=method, tests=tests, model_hash=model_hash(model), factors=_factors(run, seed, k),
+        seconds=seconds, traffic_tests=traffic.tests, bv_crashes=traffic.bv_crashes, **came_to,
     )  # fmt: skip
 
 
