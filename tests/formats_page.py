@@ -149,6 +149,8 @@ _RUN = [
 | `rate` | `rate.json`, and so that it can go on: `counts.json` (counted), or `taught.npz` and `trees/NNNNNN.npz` (trees: arrays of each block), `draws/` (other models), and a library of the crashes |
 | `analyse` | `analysis.json`, `points.parquet`, `cases.parquet` ([columns](case-columns.md)), `witnesses.parquet` |
 | `reproduce` | `items.json`, `inputs/` |
+| `report --evidence` | `evidence.html`, `evidence.json` beside the page |
+| `suite run`, `r157` | `suite.json`, `scenarios.csv`, `library/` of the failures, the page |
 | `ndd validate`, `ndd fit` | `validation.json`; the model and a report |
 
 ### counts.json

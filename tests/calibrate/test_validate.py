@@ -88,7 +88,7 @@ def test_the_promised_keys_are_there_and_are_json(found: NddValidated) -> None:
     whens = ["0-2 s", "5-7 s", "10-12 s", "30-32 s", "60-62 s"]
     assert [part["when"] for part in again["traffic"]] == whens
     assert {fact["when"] for fact in again["facts"] if fact["theme"] == "drift"} == set(whens)
-    assert {fact["theme"] for fact in again["facts"]} == {"drift", "crashes", "cut-ins", "persistence"}
+    assert {fact["theme"] for fact in again["facts"]} == {"drift", "crashes", "cut-ins", "persistence", "merging"}
     assert {fact["theme"] for fact in again["facts"]} <= set(again["themes"])
     assert sum(part["miles"] for part in again["traffic"]) >= MILES
 

@@ -19,7 +19,7 @@ from cornerforge.ext.evidence.material import SHIPPED, Checks
 from cornerforge.ext.evidence.odd import odd_as_tested
 from cornerforge.ndd.model import default_model_path, load_model, model_hash
 from cornerforge.recordings import recordings_of
-from cornerforge.results import NaturalRate, as_json, from_json
+from cornerforge.results import NaturalRate, Regulated, as_json, from_json
 from cornerforge.results.driving import Cost, ModelUncertainty
 from cornerforge.results.evidence import Evidence
 from cornerforge.results.stating import from_file
@@ -115,6 +115,23 @@ def test_drawn_models_beside_give_an_interval_of_chance_and_model(natural_run_fo
     (claim,) = [one for one in found.answers[4].findings if one.covers == "chance and model"]
     assert claim.interval95 == pytest.approx((0.4, 3.6))
     assert str(tmp_path / "rate" / "rate.json") in found.files
+
+
+def test_a_suite_beside_is_told_and_people_are_held_against_serious_injuries(
+    natural_run_folder: Path, tmp_path: Path
+) -> None:
+    suite = plain_result(
+        Regulated, suite="aeb", av="idm-mobil", scenarios=477, failed=130, failed_but_prevented_by_all=3
+    )
+    write_object(tmp_path / "suite.json", as_json(suite))
+    found, _ = evidence(natural_run_folder, (tmp_path / "suite.json",))
+    assert any("fails in 130 of 477 scenarios of the suite aeb" in one.said for one in found.answers[5].findings)
+    assert not any("suite run aeb" in gap for gap in found.answers[5].not_covered)
+    assert any("suite run r157" in gap for gap in found.answers[5].not_covered)
+    serious = next(one for one in found.answers[4].findings if "MAIS 3" in one.said)
+    phoenix = next(one for one in found.answers[4].findings if "freeways of Phoenix" in one.said)
+    assert serious.value is not None
+    assert phoenix.value == pytest.approx(serious.value / 0.7, rel=0.2)  # as so many whole events as give its interval
 
 
 def test_results_of_another_av_and_no_results_are_refused(natural_run_folder: Path, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from cornerforge.errors import FileFormatError, InputError, UnknownNameError
 from cornerforge.experiment.roads import road_named, write_road_file
+from cornerforge.ext.pictures.road import road_figure
 from cornerforge.road.network import Lane, Marking, Road, faults_of
 from cornerforge.road.shipped import ROAD_FILES, SHIPPED
 
@@ -97,3 +98,10 @@ def test_a_name_that_no_road_has(tmp_path: Path) -> None:
     (tmp_path / "road.json").write_text("[]", encoding="utf-8")
     with pytest.raises(FileFormatError, match="cornerforge road import"):
         road_named(tmp_path / "road.json")
+
+
+@pytest.mark.parametrize("name", [*SHIPPED, *ROAD_FILES])
+def test_every_shipped_road_can_be_drawn(name: str) -> None:
+    road = road_named(name)
+    legend = road_figure(road).axes[1].get_legend()
+    assert {text.get_text() for text in legend.get_texts()} == {lane.kind for lane in road.lanes}

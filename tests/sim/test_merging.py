@@ -132,7 +132,9 @@ def test_a_road_whose_lanes_go_on_is_the_straight_one(model: NddModel) -> None:
 
 def test_gaps_are_taken_that_the_rear_vehicle_can_bear() -> None:
     assert pressed_chance(1.0, 14.0, 0.0, 20.0, STATED) == pytest.approx(12.0 / 13.0)
-    assert pressed_chance(1.0, 27.0, -10.0, 30.0, STATED) == 0.0  # it would need 2 m/s2
+    assert pressed_chance(1.0, 37.0, -10.0, 30.0, STATED) == 0.0  # a second later it would need 2 m/s2
+    assert 0.0 < pressed_chance(1.0, 38.0, -10.0, 30.0, STATED) < 0.05
+    assert pressed_chance(1.0, 7.8, -3.9, 33.0, STATED) == 0.0  # TTC 2 s: crashes of an AV began so
     assert pressed_chance(0.0, 50.0, 0.0, 30.0, STATED) == pressed_chance(1.0, 2.0, 5.0, 30.0, STATED) == 0.0
 
 

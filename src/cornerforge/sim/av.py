@@ -99,7 +99,7 @@ def merge(w: World, command: float, lane: int, av: AvNumbers, road: RoadNumbers)
         if wants and (av.flaw == _MERGES_BLIND or accepts(w, 0, beside, wish.urgency, av.sight, road)):
             lane = beside
         elif av.flaw != _MERGES_BLIND and has_lane(beside, v[0].x, road):
-            least, most = come_beside(w, 0, beside, road)
+            least, most = come_beside(w, 0, beside, wish.urgency, road)
             command = min(max(command, least) if command >= 0.0 else command, most)
     braking = braking_for_end(v, 0, road)
     return (min(command, -braking) if braking > 0.0 else command), lane

@@ -53,6 +53,8 @@ LOOKS_AGAIN = 0.1
 time: as often in all as in one lane change elsewhere."""
 _ACCEPTS_BRAKING = 2.0
 """Braking of the rear vehicle of a gap at which a driver which must does not take it [m/s2]."""
+_SEEN_AFTER = 1.0
+"""Time before it begins to brake [s]."""
 _ACCEPTS_TIME, _ACCEPTS_GAP = 0.6, 2.0
 """Time gap [s], from a gap [m] on, that a driver which must takes for sure."""
 _LETS_IN = 0.5
@@ -150,7 +152,8 @@ def _goes_on(v: NDArray[np.void], i: int, lane: int, road: RoadNumbers) -> bool:
 def pressed_chance(urgency: float, room: float, range_rate: float, rear_speed: float, law: LawFactors) -> float:
     """Compute the chance that a driver which must leave its lane takes a gap to one neighbour for that reason.
 
-    It falls evenly with the braking that the rear one of both then needs, and with a time gap below 0.6 s.
+    It falls evenly with the braking that the rear one of both needs a second later, and with a time gap then below
+    0.6 s: the driver of the rear one must see the change first, and who changes lanes holds the speed.
 
     Args:
         urgency: 0: it need not, and the chance is 0.
@@ -159,10 +162,10 @@ def pressed_chance(urgency: float, room: float, range_rate: float, rear_speed: f
         rear_speed: Speed of the rear one [m/s].
         law: Factors of the stated numbers.
     """
-    spare = room - _ACCEPTS_GAP
+    closing = min(range_rate, 0.0)
+    spare = room - _ACCEPTS_GAP + _SEEN_AFTER * closing
     if urgency == 0.0 or spare <= 0.0:
         return 0.0
-    closing = min(range_rate, 0.0)
     eases = max(0.0, 1.0 - closing * closing / (2.0 * spare * _ACCEPTS_BRAKING * law.accepts_braking))
     return eases * min(1.0, spare / (_ACCEPTS_TIME * law.accepts_time * rear_speed + 1.0))
 
@@ -221,9 +224,9 @@ def suitable_accelerations(w: World, i: int, rank: int, last: int, road: RoadNum
     """
     v = w.vehicles
     least, most = -np.inf, np.inf
-    side, _ = side_to_leave(v, i, road)
+    side, urgency = side_to_leave(v, i, road)
     if side != 0 and v[i].duration == 0.0 and has_lane(v[i].target_lane + side, v[i].x, road):
-        least, most = come_beside(w, i, v[i].target_lane + side, road)
+        least, most = come_beside(w, i, v[i].target_lane + side, urgency, road)
     lets_in = road.lanes.varied and side == 0 and v[i].duration == 0.0 and v[i].habit < _LETS_IN * road.law.lets_in
     braking = braking_for_end(v, i, road)
     unled, queued = v[i].lanes, 0.0
@@ -285,21 +288,23 @@ def _is_near(v: NDArray[np.void], rear: int, lead: int) -> bool:
 
 
 @inlined_kernel
-def come_beside(w: World, i: int, lane: int, road: RoadNumbers) -> tuple[float, float]:
+def come_beside(w: World, i: int, lane: int, urgency: float, road: RoadNumbers) -> tuple[float, float]:
     """Find the least and the most acceleration of vehicle i with which it comes beside a gap in a lane [m/s2].
 
-    It falls back behind a vehicle beside it or just ahead, draws away from one just behind, and catches up with a lane
-    that is faster: the latter two only if its own lane is free.
+    It falls back behind a vehicle beside it or just ahead, draws away from one just behind if there is more room ahead,
+    and catches up with a lane that is faster: the latter two only if its own lane is free. It does so up to twice as
+    hard, and with twice the difference of speeds, the more urgent it is.
     """
     v = w.vehicles
+    hard = 1.0 + urgency
     lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, HUMAN)
     if lead >= 0 and _is_near(v, i, lead):
-        return -np.inf, (_FALLS_BACK if v[i].speed > v[lead].speed - _DRIFT else 0.0)
+        return -np.inf, (_FALLS_BACK * hard if v[i].speed > v[lead].speed - _DRIFT * hard else 0.0)
     own, _ = neighbours_in_lane(w, i, v[i].target_lane, road.lane_width, HUMAN)
     is_free = own < 0 or (gap(v, i, own) > v[i].speed and v[own].speed > v[i].speed - _SLOWER)
     if not is_free:
         return -np.inf, np.inf
-    has_room = lead < 0 or gap(v, i, lead) > 2.0 * _ROOM_TIME * v[i].speed
-    just_behind = rear >= 0 and has_room and _is_near(v, rear, i) and v[i].speed < v[rear].speed + _DRIFT
+    has_room = rear >= 0 and (lead < 0 or gap(v, i, lead) > gap(v, rear, i))
+    just_behind = has_room and _is_near(v, rear, i) and v[i].speed < v[rear].speed + _DRIFT * hard
     is_slow = (lead >= 0 and v[i].speed < v[lead].speed - _DRIFT) or (rear >= 0 and v[i].speed < v[rear].speed - _DRIFT)
-    return (_CLOSES_UP if just_behind or is_slow else -np.inf), np.inf
+    return (_CLOSES_UP * hard if just_behind or is_slow else -np.inf), np.inf

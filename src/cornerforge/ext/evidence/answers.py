@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from cornerforge.errors import InputError
+from cornerforge.ext.evidence.against_people import DIFFERENCES, TRUE_RATIOS, compare_kind, miles_needed
+from cornerforge.ext.evidence.benchmarks import matching
 from cornerforge.ext.evidence.kinds import HOW
 from cornerforge.ext.evidence.material import Material
 from cornerforge.ext.evidence.odd import odd_as_tested
 from cornerforge.ext.evidence.questions import QUESTIONS
 from cornerforge.report import text
 from cornerforge.report.front import front_of, how_often
+from cornerforge.results import Regulated
 from cornerforge.results.evidence import Answered, Evidence, Finding
 from cornerforge.results.validation import FactFound
 
@@ -194,7 +198,36 @@ def _how_often(m: Material) -> _Answer:
                 how="Sum over the crashes of the chance of MAIS 3 or more by delta-v.",
             )
         )
-    return card.short, claims, gaps
+    against, why = _people(m)
+    return card.short, claims + against, gaps + why
+
+
+def _people(m: Material) -> tuple[list[Finding], list[str]]:
+    """Hold serious injuries against people's rates on freeways; give the claims and what they leave open."""
+    if m.known.kinds is None:
+        return [], ["People's rates: no natural crash was analysed, so there is nothing to hold against them."]
+    claims = []
+    for row in matching("freeway", "any injury"):
+        try:
+            found = compare_kind(row, m.known.kinds.serious_injuries)
+        except InputError as error:
+            return [], [f"People's rates: {error}"]
+        needed = ", ".join(f"{miles_needed(row.rate, ratio)[0]:.1f} at {ratio:g}" for ratio in (0.0, *TRUE_RATIOS))
+        claims.append(
+            Finding(
+                said=f"Serious injuries in the AV are {text.rate(found.ratio, 2)} times as frequent as any injury "
+                f"of people on freeways of {row.place} ({row.rate:g} {row.unit} per million miles; 95 %: "
+                f"{text.interval(found.low, found.high, 2)}). Any injury is more frequent than a serious one: so a "
+                "lower bound. To show an AV no worse than these people takes so many million miles, by its true rate "
+                f"over theirs: {needed}.",
+                value=found.ratio,
+                n=m.known.kinds.all.cases,
+                interval95=(found.low, found.high),
+                covers=_CHANCE,
+                how=f"{row.source} ({row.doi}). Miles: exact Poisson test, 95 % confidence, 80 % power.",
+            )
+        )
+    return claims, [DIFFERENCES]
 
 
 def _drawn_models(m: Material) -> Finding | None:
@@ -234,21 +267,28 @@ def _careful(m: Material) -> _Answer:
                 "often they happen.",
             )
         )
-    for one in m.beside.regulated:
-        claims.append(
-            Finding(
-                said=f"The AV fails in {text.count(one.failed)} of {text.count(one.scenarios)} scenarios of UN R157's "
-                f"three families; in {text.count(one.failed_but_prevented_by_all)} of these all four reference drivers "
-                "pass.",
-                value=one.share_failed,
-                n=one.scenarios,
-                how="Grids of speeds, gaps and manoeuvres; a grid is no sample, so there is no interval.",
-                command=f"cornerforge r157 --av {m.summary.av}",
-            )
-        )
-    if not m.beside.regulated:
-        gaps.append("The AV in the scenarios of UN R157: cornerforge r157 --out FOLDER, then --beside FOLDER.")
+    claims += [_suite(one) for one in m.beside.regulated]
+    for suite, what in (("r157", "UN R157"), ("aeb", "tests of emergency braking (UN R152, Euro NCAP)")):
+        if suite not in {one.suite for one in m.beside.regulated}:
+            gaps.append(f"Scenarios of {what}: cornerforge suite run {suite} --out FOLDER, then --beside FOLDER.")
     return card.short if said is not None else "Not covered, because no crash was judged", claims, gaps
+
+
+def _suite(found: Regulated) -> Finding:
+    tests = sum(one.verdict == "touched" for one in found.tests)
+    own = (
+        f" Of the {len(found.tests)} tests that the protocols demand it touches in {tests}, in {found.beyond_allowed} "
+    )
+    own += "faster than UN R152 allows an AEB."
+    return Finding(
+        said=f"The AV fails in {text.count(found.failed)} of {text.count(found.scenarios)} scenarios of the suite "
+        f"{found.suite}; in {text.count(found.failed_but_prevented_by_all)} of these each reference driver passes."
+        f"{own if found.tests else ''}",
+        value=found.share_failed,
+        n=found.scenarios,
+        how="Grids of speeds, gaps and manoeuvres; a grid is no sample, so there is no interval.",
+        command=f"cornerforge suite run {found.suite} --av {found.av}",
+    )
 
 
 def _unknown(m: Material) -> _Answer:

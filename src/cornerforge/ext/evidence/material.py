@@ -36,7 +36,7 @@ class Checks(Declared):
 _FILES: dict[str, tuple[type, str]] = {
     "validation.json": (Checks, "cornerforge ndd validate"),
     "rate.json": (NaturalRate, "cornerforge rate"),
-    "r157.json": (Regulated, "cornerforge r157"),
+    "suite.json": (Regulated, "cornerforge suite run"),
 }
 """File of a result, its class, and what writes it; any other JSON file is taken for one of `retest --out`."""
 
@@ -108,8 +108,8 @@ def read_beside(places: Sequence[Path]) -> Beside:
         inside = [place] if place.is_file() else [place / name for name in _FILES if (place / name).is_file()]
         if not inside:
             raise InputError(
-                f"{place} holds none of {', '.join(_FILES)}; name a folder of rate, ndd validate or r157, or the file "
-                "that retest --out wrote."
+                f"{place} holds none of {', '.join(_FILES)}; name a folder of rate, ndd validate or suite run, or the "
+                "file that retest --out wrote."
             )
         for file in inside:
             kind, command = _FILES.get(file.name, (Retested, "cornerforge retest"))

@@ -11,7 +11,7 @@ from cornerforge.road.network import Road
 
 __all__ = ["road_figure"]
 
-_COLOURS = {"through": "#4a4e57", "acceleration": BLUE, "deceleration": GREEN, "closed": ORANGE}
+_COLOURS = {"through": "#4a4e57", "ramp": "#8a6d9e", "acceleration": BLUE, "deceleration": GREEN, "closed": ORANGE}
 _STEP = 2.0
 
 

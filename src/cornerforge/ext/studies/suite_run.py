@@ -40,7 +40,7 @@ from cornerforge.library.filling import MODEL_FILE
 from cornerforge.library.harvester import CaseRoom
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
 from cornerforge.ndd.model import save_model
-from cornerforge.results import Regulated
+from cornerforge.results import Regulated, as_json
 from cornerforge.results.r157 import RegulatedFamily, RegulatedPair, RegulatedRoads, RegulatedTest
 from cornerforge.road.straight import along
 from cornerforge.sim import Setting, controllers, outcome, rails, runner
@@ -146,6 +146,7 @@ def _run(suite: Suite, options: R157, junit: Path | None) -> Regulated:
     result = replace(result, library=str(library.path), page=str(place / f"{suite.name}.html"))
     write_suite_page(place / f"{suite.name}.html", suite, result, driven)
     result = replace(result, seconds=round(time.perf_counter() - began, 3))
+    write_json(place / "suite.json", as_json(result))
     write_json(place / "provenance.json", provenance(_identity(run, wanted, options.seed), result.seconds))
     return result
 

@@ -68,8 +68,8 @@ class MakeReport(LongWork):
     beside: Annotated[
         Sequence[Path | str],
         meant(
-            "Other results for --evidence: a folder of rate, ndd validate or r157, a file of retest --out; may be "
-            "given again."
+            "Other results for --evidence: a folder of rate, ndd validate or suite run, a file of retest --out; may "
+            "be given again."
         ),
     ] = ()
 
