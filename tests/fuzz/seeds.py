@@ -169,7 +169,8 @@ def _scenarios(root: Path) -> None:
     for place in map(Path, formats):
         for file in sorted(place.rglob("*")):
             if file.is_file() and file.name != "provenance.json":
-                file.rename(file.with_name(file.name.replace(":", "_")))
+                named = file.name.replace(":", "_").replace(first.replace(":", "-"), "0-8")  # whichever case is first
+                file.rename(file.with_name(named))
 
 
 @_seed("case-file")

@@ -78,7 +78,7 @@ def test_wrong_arguments_are_named(arguments: dict[str, object], message: str, s
 @pytest.fixture(scope="module")
 def curve(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Plausibility]:
     out = tmp_path_factory.mktemp("plausibility") / "curve"
-    return out, cornerforge.plausibility(out=out, budgets=[30.0, 0.0], seeds=1, decisions=1024, tests=400)
+    return out, cornerforge.plausibility(out=out, budgets=[30.0, 0.0], seeds=1, decisions=100_000, tests=400)
 
 
 def test_the_curve_has_every_mask_and_keeps_its_policies(curve: tuple[Path, Plausibility]) -> None:
@@ -133,7 +133,7 @@ def test_the_curve_is_taken_up_where_it_stopped(curve: tuple[Path, Plausibility]
     with pytest.raises(InputError, match="budgets"):
         cornerforge.plausibility(out=out, budgets=[0.0], seeds=1, decisions=1024, tests=400, resume=True)
     with pytest.raises(OutputError, match="--resume"):
-        cornerforge.plausibility(out=out, budgets=[0.0, 30.0], seeds=1, decisions=1024, tests=400)
+        cornerforge.plausibility(out=out, budgets=[0.0, 30.0], seeds=1, decisions=100_000, tests=400)
 
 
 @pytest.mark.parametrize(
