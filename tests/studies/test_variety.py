@@ -126,12 +126,12 @@ def test_the_curve_is_taken_up_where_it_stopped(curve: tuple[Path, Plausibility]
     out, found = curve
     (out / "30-0.json").unlink()
     times = {path.name: path.stat().st_mtime_ns for path in out.glob("*.safetensors")}
-    again = cornerforge.plausibility(out=out, budgets=[0.0, 30.0], seeds=1, decisions=1024, tests=400, resume=True)
+    again = cornerforge.plausibility(out=out, budgets=[0.0, 30.0], seeds=1, decisions=100_000, tests=400, resume=True)
     changed = {path.name for path in out.glob("*.safetensors") if path.stat().st_mtime_ns != times[path.name]}
     assert changed == {"30-0.safetensors"}
     assert timeless(again) == timeless(found)
     with pytest.raises(InputError, match="budgets"):
-        cornerforge.plausibility(out=out, budgets=[0.0], seeds=1, decisions=1024, tests=400, resume=True)
+        cornerforge.plausibility(out=out, budgets=[0.0], seeds=1, decisions=100_000, tests=400, resume=True)
     with pytest.raises(OutputError, match="--resume"):
         cornerforge.plausibility(out=out, budgets=[0.0, 30.0], seeds=1, decisions=100_000, tests=400)
 
