@@ -21,7 +21,7 @@ from cornerforge.road.reference import Piece, Pose, ReferenceLine
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["LANE_KINDS", "MOST_LANES", "Lane", "LaneKind", "Marking", "Road", "faults_of"]
+__all__ = ["GAP", "KINK", "LANE_KINDS", "MOST_LANES", "Lane", "LaneKind", "Marking", "Road", "faults_of"]
 
 LaneKind = Literal["through", "acceleration", "deceleration", "ramp", "closed"]
 LANE_KINDS: dict[LaneKind, str] = {
@@ -36,7 +36,7 @@ _WIDTHS = (2.0, 6.0)
 """Widths of lanes that can be driven [m]."""
 _MOST_SLOTS, MOST_LANES = 6, 8
 """Most lanes side by side, and one after the other."""
-_GAP, _KINK = 0.05, 0.02
+GAP, KINK = 0.05, 0.02
 """A reference line may have gaps and kinks of so much [m, rad]."""
 _TIGHTEST = 100.0
 """Radius below which a road is no motorway [m]; ramps may have it, through lanes not."""
@@ -175,7 +175,7 @@ def faults_of(road: Road) -> list[str]:
     if not 1 <= road.slots <= _MOST_SLOTS:
         found.append(f"it has {road.slots} lanes side by side; 1 to {_MOST_SLOTS} can be driven")
     for k, (gap, kink) in enumerate(road.line.gaps.tolist(), start=1):
-        if gap > _GAP or kink > _KINK:
+        if gap > GAP or kink > KINK:
             place = f"at s = {road.pieces[k].s:.1f} m"
             found.append(f"the reference line has a gap of {gap:.2f} m and a kink of {kink:.3f} rad {place}")
     widths = np.diff(road.centres)

@@ -39,15 +39,14 @@ GEOMETRY = """
 """
 
 
-def geometry() -> str:
-    """Where each piece begins, by summing up 1 mm steps."""
+def begins() -> list[tuple[float, float, float]]:
+    """Where each piece behind the first begins, by summing up 1 mm steps."""
     s = np.arange(0.0, 520.0, 1e-3)
     bend = np.interp(s, [0.0, 150.0, 270.0, 520.0], [0.0, 0.0, 0.0015, 0.0015])
     heading = 0.7 + np.concatenate([[0.0], np.cumsum(0.5 * (bend[1:] + bend[:-1]) * 1e-3)])
     x = 100.0 + np.concatenate([[0.0], np.cumsum(np.cos(heading[:-1]) * 1e-3)])
     y = -40.0 + np.concatenate([[0.0], np.cumsum(np.sin(heading[:-1]) * 1e-3)])
-    begins = [(float(x[k]), float(y[k]), float(heading[k])) for k in (150_000, 270_000, s.size - 1)]
-    return GEOMETRY.format(*begins)
+    return [(float(x[k]), float(y[k]), float(heading[k])) for k in (150_000, 270_000, s.size - 1)]
 
 
 def section(s: float, *lanes: tuple[str, float]) -> str:
@@ -63,13 +62,43 @@ def test_its_lanes_lie_where_ours_do(tmp_path: Path) -> None:
     file = tmp_path / "road.xodr"
     file.write_text(
         f'<OpenDRIVE><header revMajor="1" revMinor="6"/><road id="1" length="720" junction="-1" name="r"><link/>'
-        f"<planView>{geometry()}</planView><lanes>{section(0, *two)}{section(200, *two, entry)}{section(500, *two)}"
-        f"</lanes></road></OpenDRIVE>",
+        f"<planView>{GEOMETRY.format(*begins())}</planView><lanes>{section(0, *two)}{section(200, *two, entry)}"
+        f"{section(500, *two)}</lanes></road></OpenDRIVE>",
         encoding="utf-8",
     )
     seen = lanes_seen(python, file)
     assert sorted(one["lane"] for one in seen) == [-3, -2, -2, -2, -1, -1, -1]
     assert_lanes_lie(seen, road_of_opendrive(file))
+
+
+def test_the_lanes_of_a_chain_lie_where_ours_do(tmp_path: Path) -> None:
+    """The same line as three roads, the arc drawn from its end to its begin, with lanes on its left."""
+    python = os.environ.get("ASAM_PYTHON", "")
+    if not python:
+        pytest.skip("ASAM_PYTHON names no environment; run `make test-interchange`")
+    line, spiral, _, cubic = (f"<geometry {one}" for one in GEOMETRY.format(*begins()).split("<geometry ")[1:])
+    x, y, heading = begins()[2]
+    pose = f's="0" x="{x!r}" y="{y!r}" hdg="{heading + np.pi!r}" length="250"'
+    back = f'<geometry {pose}><arc curvature="-0.0015"/></geometry>'
+    ends = '<{} elementType="road" elementId="{}" contactPoint="{}"/>'.format
+    links = '<link><predecessor id="{0}"/><successor id="{0}"/></link><width sOffset="0" a="3.5" b="0" c="0" d="0"/>'
+    lanes = {side: "".join(
+        f'<lane id="{side * k}" type="driving">{links.format(other * k)}</lane>' for k in (1, 2)
+    ) for side, other in ((-1, 1), (1, -1))}  # fmt: skip
+    roads = (
+        (1, 270, line + spiral, ends("successor", 2, "end"), f"<right>{lanes[-1]}</right>"),
+        (2, 250, back, ends("predecessor", 3, "start") + ends("successor", 1, "end"), f"<left>{lanes[1]}</left>"),
+        (3, 200, cubic.replace('s="520"', 's="0"'), ends("predecessor", 2, "start"), f"<right>{lanes[-1]}</right>"),
+    )
+    file = tmp_path / "chain.xodr"
+    file.write_text('<OpenDRIVE><header revMajor="1" revMinor="6"/>' + "".join(
+        f'<road id="{ident}" length="{length}" junction="-1" name="r"><link>{link}</link><planView>{shape}</planView>'
+        f'<lanes><laneSection s="0"><center><lane id="0" type="none"/></center>{own}</laneSection></lanes></road>'
+        for ident, length, shape, link, own in roads
+    ) + "</OpenDRIVE>", encoding="utf-8")  # fmt: skip
+    seen = lanes_seen(python, file)
+    assert sorted(one["lane"] for one in seen) == [-2, -2, -1, -1, 1, 2]
+    assert_lanes_lie([one | {"lane": -abs(one["lane"])} for one in seen], road_of_opendrive(file))
 
 
 def lanes_seen(python: str, file: Path) -> list[dict[str, Any]]:

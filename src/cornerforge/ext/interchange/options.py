@@ -97,20 +97,22 @@ _ROAD = meant("on-ramp and the like, or a file of `road import`.", metavar="NAME
 
 
 class RoadImport(Watched):
-    """Take a road of an OpenDRIVE file or a SUMO network: curves, lanes that begin and end, speed limits."""
+    """Take roads in a row of an OpenDRIVE file or a SUMO network: curves, lanes that begin and end, speed limits."""
 
     file: Annotated[
         Path | str, meant("OpenDRIVE 1.4 to 1.8, or a SUMO network (.net.xml, .net.xml.gz).", metavar="FILE")
     ] = field(kw_only=False)
     out: Annotated[Path | str, meant("New road file, .json.")]
     road: Annotated[
-        str | None, meant("Id of the road in the file; of edges of a network, with commas. By default the longest.")
+        str | None, meant("Ids of roads or edges that follow each other, with commas. By default the longest chain.")
     ] = None
     begin: Annotated[float, meant("From which s of it.", name="--from", low=0.0, high=1e6, unit="m")] = 0.0
     end: Annotated[float | None, meant("To which s of it; by default to its end.", name="--to", low=0.0, high=1e6)] = (
         None
     )
-    against: Annotated[bool, meant("OpenDRIVE: take the lanes that are driven against its reference line.")] = False
+    against: Annotated[
+        bool, meant("OpenDRIVE: against the reference line of the road, or of the longest one of the chain.")
+    ] = False
 
 
 class RoadCheck(Watched):
@@ -149,7 +151,7 @@ COMMANDS = (
     Command(
         RoadImport, "ext.interchange.roads:road_import", "ext.interchange.roads:road_text",
         (
-            "cornerforge road import motorway.xodr --from 200 --to 1400 --out motorway.json",
+            "cornerforge road import motorway.xodr --road 12,13,14 --from 200 --to 1400 --out motorway.json",
             "cornerforge road import city.net.xml.gz --road on,over,off --out ring.json",
         ),
         name="road import",

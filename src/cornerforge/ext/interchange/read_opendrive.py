@@ -15,12 +15,27 @@ from pathlib import Path
 
 from cornerforge.ext.interchange.xml_input import Element, read_xml
 
-__all__ = ["DRIVEN", "SAME_HEADING", "Lane", "Piece", "Road", "Roads", "Section", "read_opendrive"]
+__all__ = [
+    "DRIVEN",
+    "END",
+    "SAME_HEADING",
+    "START",
+    "Lane",
+    "Link",
+    "Piece",
+    "Road",
+    "Roads",
+    "Section",
+    "Way",
+    "read_opendrive",
+]
 
 DRIVEN = frozenset({
     "driving", "entry", "exit", "onRamp", "offRamp", "connectingRamp", "bus", "taxi", "HOV", "carpool", "mwyEntry",
     "mwyExit", "slipLane", "bidirectional",
 })  # fmt: skip
+START, END = 0, 1
+"""Ends of a road: where its s is 0, and where it is its length."""
 _FLAT = 0.05
 """A stretch that leaves its straight line by less than this is straight [m]."""
 SAME_HEADING = 1e-4
@@ -47,6 +62,7 @@ class Lane:
         widths: (sOffset, a, b, c, d) of its width.
         marks: (sOffset, type, laneChange) of the line at its outer side.
         limits: (sOffset, m/s) of its speed limit.
+        links: Ids of the lanes before it and of those after it.
     """
 
     ident: int
@@ -55,6 +71,7 @@ class Lane:
     widths: tuple[tuple[float, float, float, float, float], ...]
     marks: tuple[tuple[float, str, str], ...] = ()
     limits: tuple[tuple[float, float], ...] = ()
+    links: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())
 
     def width(self, ds: float) -> float:
         """Width of the lane at `ds` after the begin of its section [m]."""
@@ -102,6 +119,27 @@ class Piece:
 
 
 @dataclass(frozen=True, slots=True)
+class Link:
+    """To what an end of a road leads: its line in the file, a junction or an end (START, END) of a road."""
+
+    line: int
+    junction: bool
+    ident: str
+    end: int
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """A connection of a junction: from a road to an end of another one, and pairs of lanes, one of each."""
+
+    junction: str
+    incoming: str
+    ident: str
+    end: int
+    lanes: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Road:
     """A road of the file.
 
@@ -117,6 +155,7 @@ class Road:
         besides: What else stands in it and moves nothing here, for notes.
         limits: (s, m/s) of its speed limit, where lanes have none.
         leans: Line of its superelevation in the file; 0: it has none.
+        links: To what its START and its END lead; None: nothing.
     """
 
     ident: str
@@ -130,6 +169,7 @@ class Road:
     besides: tuple[str, ...]
     limits: tuple[tuple[float, float], ...]
     leans: int
+    links: tuple[Link | None, Link | None]
 
     def section(self, s: float) -> Section:
         """The section of lanes at s."""
@@ -195,10 +235,11 @@ class _Spot:
 
 @dataclass(frozen=True, slots=True)
 class Roads:
-    """All roads of a file."""
+    """All roads of a file, and the connections of its junctions."""
 
     file: str
     roads: dict[str, Road]
+    ways: tuple[Way, ...] = ()
 
     def find(self, x: float, y: float, heading: float) -> _Spot | None:
         """Find the lane at a point of the world, of a straight road about parallel to a heading, in no junction.
@@ -251,7 +292,8 @@ def read_opendrive(path: Path) -> Roads:
         roads[road.ident] = road
     if not roads:
         top.fault("the file holds no road")
-    return Roads(path.name, roads)
+    ways = (_way(way, junction) for junction in top.all("junction") for way in junction.all("connection"))
+    return Roads(path.name, roads, tuple(ways))
 
 
 def _road(element: Element) -> Road:
@@ -271,8 +313,29 @@ def _road(element: Element) -> Road:
         tuple(_besides(element)), tuple(sorted(
             (part.number("s", 0.0, low=0.0, high=1e6), limit) for part in element.all("type")
             for _, limit in _limits(part, "s")
-        )), _leans(element),
+        )), _leans(element), (_link(element.child("link", "predecessor")), _link(element.child("link", "successor"))),
     )  # fmt: skip
+
+
+def _way(element: Element, junction: Element) -> Way:
+    lanes = (
+        (pair.integer("from", low=-1000, high=1000), pair.integer("to", low=-1000, high=1000))
+        for pair in element.all("laneLink")
+    )
+    to = _end(element, "connectingRoad", "linkedRoad")
+    return Way(junction.string("id", ""), element.string("incomingRoad", ""), *to, tuple(lanes))
+
+
+def _link(element: Element | None) -> Link | None:
+    if element is None:
+        return None
+    return Link(element.line, element.string("elementType", "road") == "junction", *_end(element, "elementId"))
+
+
+def _end(element: Element, *names: str) -> tuple[str, int]:
+    """Id of the road that an element names by one of these attributes, and the end of it that it means."""
+    ident = next((element.string(name) for name in names if name in element.attributes), "")
+    return ident, END if element.string("contactPoint", "start") == "end" else START
 
 
 def _leans(element: Element) -> int:
@@ -318,7 +381,10 @@ def _section(element: Element) -> Section:
             way = _WAYS.get(lane.attributes.get("direction", "standard"))
             if way is None:
                 lane.fault(f'lane {ident} has direction "{lane.string("direction")[:40]}"')
-            lanes[ident] = Lane(ident, lane.string("type", "none"), way, widths, _marks(lane), _limits(lane, "sOffset"))
+            lanes[ident] = Lane(
+                ident, lane.string("type", "none"), way, widths, _marks(lane), _limits(lane, "sOffset"),
+                (_lane_links(lane, "predecessor"), _lane_links(lane, "successor")),
+            )  # fmt: skip
         count = sum(k * sign > 0 for k in lanes)
         missing = next((sign * k for k in range(1, count + 1) if sign * k not in lanes), None)
         if missing is not None:
@@ -326,6 +392,11 @@ def _section(element: Element) -> Section:
     middle = element.child("center", "lane")
     marks = () if middle is None else _marks(middle)
     return Section(element.number("s", low=0.0, high=1e6, unit="m"), element.line, lanes, marks)
+
+
+def _lane_links(lane: Element, tag: str) -> tuple[int, ...]:
+    holder = lane.child("link")
+    return () if holder is None else tuple(one.integer("id", low=-1000, high=1000) for one in holder.all(tag))
 
 
 def _marks(lane: Element) -> tuple[tuple[float, str, str], ...]:

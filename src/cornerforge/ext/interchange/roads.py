@@ -19,7 +19,7 @@ __all__ = ["is_faulty", "road_check", "road_import", "road_show", "road_text"]
 
 @verb(RoadImport)
 def road_import(options: RoadImport) -> RoadTold:
-    """Take a road of an OpenDRIVE file or a SUMO network, and write it as a road file.
+    """Take roads of an OpenDRIVE file or edges of a SUMO network, and write it as a road file.
 
     Returns:
         What `cornerforge road import --json` prints.
