@@ -119,6 +119,13 @@ def test_a_polynomial_that_stands_still_is_refused_with_its_line(tmp_path: Path)
         road_of_opendrive(written(tmp_path / "still.xodr", section(0, lane(-1)), geometry=shape))
 
 
+@pytest.mark.parametrize("shape", ['spiral curvStart="0" curvEnd="0.001"', 'paramPoly3 bU="1"'])
+def test_a_piece_of_no_length_is_refused_with_its_line(shape: str, tmp_path: Path) -> None:
+    drawn = f'<geometry s="0" x="0" y="0" hdg="0" length="0"><{shape}/></geometry>'
+    with pytest.raises(DataError, match=r"none\.xodr, line 2: road 7: The (spiral|paramPoly3) of line 2 is 0 m long"):
+        road_of_opendrive(written(tmp_path / "none.xodr", section(0, lane(-1)), geometry=drawn))
+
+
 REFUSED = {
     "reversed": (section(0, LANE.format(-1, 'driving" direction="reversed', 3.6, 0, "")), ""),
     "driven both ways": (section(0, lane(-1, "bidirectional")), ""),

@@ -336,6 +336,8 @@ def _shapes(piece: TheirPiece, length: float) -> list[Piece]:
         return [Piece(piece.s, x, y, heading)]
     if shape.tag == "arc":
         return [Piece(piece.s, x, y, heading, shape.number("curvature"))]
+    if min(length, piece.length) <= 0.0:
+        raise InputError(f"The {shape.tag} of line {shape.line} is 0 m long, or lies behind the road's end.")
     if shape.tag == "spiral":
         first, last = shape.number("curvStart"), shape.number("curvEnd")
         return [Piece(piece.s, x, y, heading, first, (last - first) / piece.length)]
