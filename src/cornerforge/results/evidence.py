@@ -10,17 +10,17 @@ from cornerforge.results.rates import Interval
 
 __all__ = ["Answered", "AttributeTested", "Evidence", "Finding", "KindOfCrash"]
 
-_N = meant("Events, cases or checks behind it; null: it is no count.")
+_N = meant("Events, cases or checks behind it; missing: it is no count.")
 
 
 class Finding(Result):
     """A claim, the number that carries it, and what makes it again."""
 
     said: Annotated[str, meant("The claim, in a sentence, with unit, n and interval.")]
-    value: Annotated[float | None, meant("Its number; null: it has none.", "`unit`")] = None
+    value: Annotated[float | None, meant("Its number; missing: it has none.", "`unit`")] = None
     unit: Annotated[str, meant('Of `value`; "" for a share or a count.')] = ""
     n: Annotated[Whole | None, _N] = None
-    interval95: Annotated[Interval | None, meant("95 % interval of `value`; null: none is known.", "`unit`")] = None
+    interval95: Annotated[Interval | None, meant("95 % interval of `value`; missing: none is known.", "`unit`")] = None
     covers: Annotated[
         str, meant('What the interval is of: "chance", "chance and model", or "" without an interval.')
     ] = ""
@@ -43,7 +43,7 @@ class KindOfCrash(Result):
     cases: Annotated[Whole, meant("Cases of this kind.")]
     per_million_miles: Annotated[float, meant("Frequency.", "1/1e6 miles")]
     interval95: Annotated[Interval, meant("Interval of `per_million_miles`, of chance alone.", "1/1e6 miles")]
-    prevented: Annotated[Share | None, meant("Share that a careful driver prevents; null: none was judged.")]
+    prevented: Annotated[Share | None, meant("Share that a careful driver prevents, 0 to 1; null: none was judged.")]
     ttc_1s: Annotated[float | None, meant("Median TTC with the partner 1 s before contact; null: rarely closing.", "s")]
     delta_v: Annotated[float | None, meant("Median change of the AV's velocity; null: not known.", "m/s")]
     serious: Annotated[
