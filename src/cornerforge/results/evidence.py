@@ -18,14 +18,14 @@ class Finding(Result):
 
     said: Annotated[str, meant("The claim, in a sentence, with unit, n and interval.")]
     value: Annotated[float | None, meant("Its number; missing: it has none.", "`unit`")] = None
-    unit: Annotated[str, meant('Of `value`; "" for a share or a count.')] = ""
+    unit: Annotated[str | None, meant("Of `value`; missing: it is a share or a count, or there is none.")] = None
     n: Annotated[Whole | None, _N] = None
     interval95: Annotated[Interval | None, meant("95 % interval of `value`; missing: none is known.", "`unit`")] = None
     covers: Annotated[
-        str, meant('What the interval is of: "chance", "chance and model", or "" without an interval.')
-    ] = ""
-    how: Annotated[str, meant("How it is computed.")] = ""
-    command: Annotated[str, meant("What makes it again.")] = ""
+        str | None, meant('What the interval is of: "chance" or "chance and model"; missing: there is none.')
+    ] = None
+    how: Annotated[str, meant("How it is computed.")]
+    command: Annotated[str | None, meant("What makes it again; missing: the command of the run.")] = None
 
 
 class AttributeTested(Result):
