@@ -120,7 +120,7 @@ class Piece:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """To what an end of a road leads: its line in the file, a junction or an end (START, END) of a road."""
+    """Target of an end of a road: its line in the file, a junction or an end (START, END) of a road."""
 
     line: int
     junction: bool
