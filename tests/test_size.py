@@ -10,7 +10,7 @@ SOURCE = Path(__file__).parents[1] / "src" / "cornerforge"
 TOP = "modules beside the folders"
 BUDGETS = {
     "adversary": 3_790, "analysis": 5_765, "cli": 1_265, "counterfactual": 1_590, "drivers": 1_725, "envs": 30,
-    "experiment": 1_480, "ext": 28_995, "foreign": 5_075, "library": 3_575, "metrics": 720,
+    "experiment": 1_480, "ext": 29_090, "foreign": 5_075, "library": 3_575, "metrics": 720,
     "ndd": 830, "rates": 4_780, "report": 3_380, "results": 2_930, "road": 1_150, "sim": 8_535, "verbs": 5_940,
     "work": 780, TOP: 5_190,
 }  # fmt: skip

@@ -17,6 +17,7 @@ from cornerforge.errors import FileFormatError, InputError
 from cornerforge.ext.evidence.kinds import complexity
 from cornerforge.ext.evidence.material import SHIPPED, Checks
 from cornerforge.ext.evidence.odd import odd_as_tested
+from cornerforge.ext.evidence.questions import QUESTIONS
 from cornerforge.ndd.model import default_model_path, load_model, model_hash
 from cornerforge.recordings import recordings_of
 from cornerforge.results import NaturalRate, Regulated, as_json, from_json
@@ -78,6 +79,22 @@ def test_each_question_has_an_answer_or_says_why_not(natural_run_folder: Path) -
         assert all(claim.how and claim.command for claim in one.findings)
         assert one.answer.split("'")[0] in page
     assert "complian" not in page.lower()
+
+
+def test_a_clause_that_was_not_read_is_marked_and_the_page_says_how(natural_run_folder: Path) -> None:
+    """What ISO sells was not at hand but for clause 1, nor the UN's drafts; the EU's law was."""
+    clauses = [clause for question in QUESTIONS for clause in question.clauses]
+    for clause in clauses:
+        marked = [mark for mark in ("[contents]", "[account]", "*") if mark in clause]
+        if clause.startswith("Regulation (EU)"):
+            assert not marked
+        elif "(draft)" in clause:
+            assert marked == ["[account]"]
+        elif clause.startswith("ISO"):
+            assert "[contents]" in marked or clause.split(", ")[1].startswith("1 (")
+    assert all(any(one.startswith("Regulation (EU)") for one in question.clauses) for question in QUESTIONS)
+    _, page = evidence(natural_run_folder)
+    assert all(mark in page for mark in ("[contents]", "[account]", "with * are named from memory", "2026/481"))
 
 
 def test_its_numbers_are_those_of_the_run(natural_run_folder: Path) -> None:
