@@ -103,6 +103,7 @@ def test_what_is_published_with_an_interval_makes_ours_wider() -> None:
 def test_units_are_not_mixed() -> None:
     with pytest.raises(InputError, match="counts crashes, the AV's rate crashed vehicles"):
         compare(ROWS["nhtsa2023-police"], 3, 1.0)
+    assert compare(ROWS["autobahn2017-serious"], 3, 1.0).ratio == pytest.approx(3.0 / 0.04169, rel=1e-4)
     with pytest.raises(InputError, match="counts claims"):
         compare(ROWS["swissre2023-injury"], 3, 1.0)
     with pytest.raises(InputError, match="count"):

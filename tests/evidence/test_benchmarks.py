@@ -8,7 +8,8 @@ from cornerforge.errors import InputError
 from cornerforge.ext.evidence.benchmarks import (
     CLAIMS,
     CRASHED,
-    CRASHES,
+    PERSONS,
+    RATES,
     UNITS,
     Benchmark,
     as_crashed_vehicles,
@@ -17,6 +18,7 @@ from cornerforge.ext.evidence.benchmarks import (
     unreported,
 )  # fmt: skip
 from cornerforge.rates.people import MOTORWAY
+from cornerforge.types import METRES_PER_MILE
 
 ROWS = {row.id: row for row in benchmarks()}
 ROADS = {"freeway", "surface", "all"}
@@ -34,7 +36,7 @@ def test_a_row_says_what_it_counts_and_where_it_was_read(row: Benchmark) -> None
     assert all((row.place, row.year, row.outcome, row.source, row.where, row.read_in))
     assert row.doi or row.source == MOTORWAY.source
     assert not (row.checked and "GitHub" in row.read_in), "an account by others is no check"
-    if row.unit in (CRASHES, CRASHED, CLAIMS):
+    if row.unit in RATES:
         assert 1e-3 < row.rate < 20.0, "per million vehicle-miles"
     if row.interval is not None:
         assert row.interval[0] < row.rate < row.interval[1]
@@ -61,6 +63,26 @@ def test_numbers_of_different_sources_agree() -> None:
         assert ROWS[f"kusano2025-{fewer}"].rate < ROWS[f"kusano2025-{more}"].rate
 
 
+def test_motorways_of_several_countries_agree() -> None:
+    """Germany 2017: counts of Destatis over kilometres of BASt; MAIS 3 or more by BASt's share of all roads."""
+    germany = {what: ROWS[f"autobahn2017-{what}"] for what in ("fatal", "mais3", "serious", "injury")}
+    killed, serious = germany["fatal"].count, germany["serious"].count
+    assert killed is not None
+    assert serious is not None
+    miles = 246.4e3 / (METRES_PER_MILE / 1e3)
+    mais3 = killed + ROWS["bast2015-mais3"].rate * (serious - killed)
+    assert germany["mais3"].rate == pytest.approx(mais3 / miles, rel=1e-4)
+    rates = [row.rate for row in germany.values()]
+    assert rates == sorted(rates)
+    assert germany["fatal"].rate == pytest.approx(1.66e-3 * METRES_PER_MILE / 1e3, rel=0.01), "1.66 per 1e9 km"
+    for other in ("asfinag2017-fatal", "scotland2016-fatal", "scanlon2026-freeway-fatal", "bts2010-fatal"):
+        assert 0.5 < ROWS[other].rate / germany["fatal"].rate < 4.0
+    assert as_crashed_vehicles(ROWS["scotland2010-serious"]).rate < germany["serious"].rate
+    with pytest.raises(InputError, match="counts persons hurt"):
+        as_crashed_vehicles(germany["serious"])
+    assert [row.id for row in matching("freeway", "MAIS 3 or more", unit=PERSONS)] == ["autobahn2017-mais3"]
+
+
 def test_the_best_match_comes_first() -> None:
     assert [row.id for row in matching("freeway", "any injury")] == [
         "scanlon2025-freeway-atlanta", "scanlon2025-freeway-phoenix",
@@ -75,7 +97,7 @@ def test_the_best_match_comes_first() -> None:
 @pytest.mark.parametrize(
     ("wanted", "words"),
     [
-        ({"road": "freeway", "outcome": "airbag"}, "Of freeway roads there are: any injury"),
+        ({"road": "freeway", "outcome": "airbag"}, r"Of freeway roads there are: .*any injury \(crashed vehicles\)"),
         ({"road": "street", "outcome": "fatal"}, "Roads are freeway, surface or all"),
         ({"road": "freeway", "outcome": "any injury", "place": "Boston"}, "roads in Boston"),
         ({"road": "surface", "outcome": "any injury", "crash_type": "rear-end"}, "rear-end kinds of crash"),

@@ -8,7 +8,7 @@ import numpy as np
 
 from cornerforge._checks import check_integer, check_number
 from cornerforge.errors import InputError
-from cornerforge.ext.evidence.benchmarks import CRASHED, Benchmark
+from cornerforge.ext.evidence.benchmarks import CRASHED, PERSONS, Benchmark
 from cornerforge.intervals import poisson_interval, rate_ratio_interval
 from cornerforge.results.analysis import NaturalKind
 
@@ -25,9 +25,9 @@ DIFFERENCES = (
     "The simulator drives one motorway in one direction among drivers that touch less severely than people do: no "
     "crossing, no oncoming traffic, no pedestrian, no single vehicle that leaves the road, no weather and no night. "
     "Published rates are of whole cities, years and fleets; this AV's miles are those of its ODD. An injury is here a "
-    "chance of MAIS 3 or more in the AV, by delta-v; published ones are what an officer saw, of anybody in the crash. "
-    "So a ratio below 1 shows no safety on a road. It says whether the AV would have to be looked at again even if the "
-    "simulator were right."
+    "chance of MAIS 3 or more in the AV, by delta-v; published ones are what an officer saw, of anybody in the crash "
+    "(on German motorways the share of MAIS 3 among them, projected for all roads). So a ratio below 1 shows no safety "
+    "on a road. It says whether the AV would have to be looked at again even if the simulator were right."
 )
 """Why a rate from the simulator and a published one are not of the same thing; pages show it beside each ratio."""
 _MOST_EVENTS = 1_000_000
@@ -65,7 +65,8 @@ def compare(benchmark: Benchmark, count: int, miles: float, confidence: float = 
     would give that interval).
 
     Args:
-        benchmark: People's rate, in crashed vehicles.
+        benchmark: People's rate, in crashed vehicles or in persons hurt. A vehicle can have several of these, so that
+            the ratio is a lower bound.
         count: Crashes of the AV, at least 0.
         miles: Million miles that it drove, above 0.
         confidence: Of the interval, in (0, 1).
@@ -77,7 +78,7 @@ def compare(benchmark: Benchmark, count: int, miles: float, confidence: float = 
     """
     check_integer("count", count, low=0)
     check_number("miles", miles, low=1e-300, high=1e300)
-    if benchmark.unit != CRASHED:
+    if benchmark.unit not in (CRASHED, PERSONS):
         raise InputError(
             f"{benchmark.id} counts {benchmark.unit}, the AV's rate {CRASHED}: turn it with as_crashed_vehicles, or "
             "choose another benchmark."
@@ -99,7 +100,7 @@ def compare_weighted(benchmark: Benchmark, rate: float, low: float) -> AgainstPe
     The rate counts as the number of equal events that would give its interval, rounded down.
 
     Args:
-        benchmark: People's rate, in crashed vehicles.
+        benchmark: People's rate, as in `compare`.
         rate: The AV's, per million miles, above 0.
         low: Lower end of its 95 % interval, above 0 and below `rate`.
 
@@ -115,7 +116,8 @@ def compare_weighted(benchmark: Benchmark, rate: float, low: float) -> AgainstPe
 def compare_kind(benchmark: Benchmark, kind: NaturalKind) -> AgainstPeople:
     """Compare natural crashes of one kind, such as `Natural.all` or `Natural.serious_injuries`, with people's rate.
 
-    Serious injuries (MAIS 3 or more, each crash counted by its chance) belong to benchmarks of outcome serious injury.
+    Serious injuries (MAIS 3 or more, each crash counted by its chance) belong to benchmarks of outcome MAIS 3 or more;
+    serious injuries as police count them are more frequent.
 
     Raises:
         InputError: As `compare_weighted`.

@@ -2,8 +2,8 @@
 
 Each row says where its number was read. `checked` is "yes" only where the publication's own text was read (most often
 its abstract), and "no" where only somebody's account of it was. Rates are per million vehicle-miles. What cornerforge
-itself estimates (`rates.people`) is a row too. Shares that police never hear of, and vehicles per crash, stand in the
-same table under units of their own.
+itself estimates (`rates.people`) is a row too. Shares that police never hear of, the share of serious injuries that are
+MAIS 3 or more, and vehicles per crash stand in the same table under units of their own.
 """
 
 from __future__ import annotations
@@ -17,12 +17,16 @@ from cornerforge.errors import InputError
 from cornerforge.intervals import poisson_interval
 from cornerforge.rates.people import MOTORWAY
 
-__all__ = ["CLAIMS", "CRASHED", "CRASHES", "Benchmark", "as_crashed_vehicles", "benchmarks", "matching", "unreported"]
+__all__ = [
+    "CLAIMS", "CRASHED", "CRASHES", "PERSONS", "RATES", "Benchmark", "as_crashed_vehicles", "benchmarks", "matching",
+    "unreported",
+]  # fmt: skip
 
-CRASHES, CRASHED, CLAIMS = "crashes", "crashed vehicles", "claims"
-"""Units of rates: a crash of two vehicles is one crash and two crashed vehicles; a claim is of one who is liable."""
+CRASHES, CRASHED, CLAIMS, PERSONS = RATES = ("crashes", "crashed vehicles", "claims", "persons hurt")
+"""Units of rates: a crash of two vehicles is one crash and two crashed vehicles; a claim is of one who is liable;
+persons are those with the outcome, dead ones included, wherever they were."""
 _PER_CRASH, _SHARE = "vehicles per crash", "share not reported"
-UNITS = (CRASHES, CRASHED, CLAIMS, _PER_CRASH, _SHARE)
+UNITS = (*RATES, _PER_CRASH, _SHARE, "share MAIS 3 or more")
 
 
 @dataclass(frozen=True)
@@ -34,7 +38,8 @@ class Benchmark:
         road: freeway, surface (all others) or all.
         place, year: Where and when people drove.
         outcome: Least that must have happened: police-reported, any damage or injury, any injury, airbag, serious
-            injury (suspected serious or fatal, of anybody in the crash), fatal; of claims: property damage, any injury.
+            injury (suspected serious or fatal, of anybody in the crash; in Germany 24 h in hospital), MAIS 3 or more,
+            fatal; of claims: property damage, any injury.
         crash_type: Kind of crash, or all.
         rate: Per million vehicle-miles; of other units what the unit says.
         low, high: 95 % interval as published, None: none is.
@@ -118,7 +123,7 @@ def matching(
     >>> [row.rate for row in matching("freeway", "any injury")]
     [2.4, 0.7]
     """
-    rated = [row for row in benchmarks() if row.unit in (CRASHES, CRASHED, CLAIMS)]
+    rated = [row for row in benchmarks() if row.unit in RATES]
     found = [
         row
         for row in rated
