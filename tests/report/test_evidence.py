@@ -149,6 +149,20 @@ def test_a_suite_beside_is_told_and_people_are_held_against_serious_injuries(
     phoenix = next(one for one in found.answers[4].findings if "freeways of Phoenix" in one.said)
     assert serious.value is not None
     assert phoenix.value == pytest.approx(serious.value / 0.7, rel=0.2)  # as so many whole events as give its interval
+    germany = next(one for one in found.answers[4].findings if "freeways of Germany" in one.said)
+    assert phoenix.value is not None
+    assert germany.value == pytest.approx(phoenix.value * 0.7 / 0.011646)
+
+
+def test_serious_injuries_stand_beside_the_indicative_criterion_of_the_eu(natural_run_folder: Path) -> None:
+    """1e-7 per hour with a confidence of 95 %: 3.0e7 hours without a death; 40 m/s are 89.5 miles per hour."""
+    found, _ = evidence(natural_run_folder)
+    serious, hourly = (next(one for one in found.answers[4].findings if what in one.said) for what in ("MAIS 3", "EU"))
+    assert serious.value is not None
+    assert serious.interval95 is not None
+    assert hourly.value == pytest.approx(serious.value * 1e-6 * 89.477, rel=1e-4)
+    assert hourly.interval95 == pytest.approx([end * 1e-6 * 89.477 for end in serious.interval95], rel=1e-4)
+    assert "3.0 × 10⁷ hours without a death, at that speed 2.7 billion miles" in hourly.said
 
 
 def test_results_of_another_av_and_no_results_are_refused(natural_run_folder: Path, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from cornerforge.errors import InputError
 from cornerforge.ext.evidence.against_people import DIFFERENCES, TRUE_RATIOS, compare_kind, miles_needed
-from cornerforge.ext.evidence.benchmarks import matching
+from cornerforge.ext.evidence.benchmarks import PERSONS, matching
 from cornerforge.ext.evidence.kinds import HOW
 from cornerforge.ext.evidence.material import Material
 from cornerforge.ext.evidence.odd import odd_as_tested
@@ -17,6 +17,7 @@ from cornerforge.report.front import front_of, how_often
 from cornerforge.results import Regulated
 from cornerforge.results.evidence import Answered, Evidence, Finding
 from cornerforge.results.validation import FactFound
+from cornerforge.types import METRES_PER_MILE
 
 __all__ = ["evidence_of"]
 
@@ -198,8 +199,41 @@ def _how_often(m: Material) -> _Answer:
                 how="Sum over the crashes of the chance of MAIS 3 or more by delta-v.",
             )
         )
+        claims.append(_per_hour(m, often, ends))
     against, why = _people(m)
     return card.short, claims + against, gaps + why
+
+
+_INDICATIVE = 1e-7
+"""Fatalities per hour of operation: an indicative criterion (Regulation (EU) 2022/1426, Annex II 7.1.1, footnote)."""
+
+
+def _per_hour(m: Material, often: float, ends: tuple[float, float]) -> Finding:
+    """Hold serious injuries per million miles against the EU's indicative criterion, at the fastest that is driven."""
+    speed = 3600.0 * m.odd.max_speed / METRES_PER_MILE
+    hourly, low, high = (1e-6 * speed * rate for rate in (often, *ends))
+    hours, _ = miles_needed(_INDICATIVE)
+    return Finding(
+        said=f"That is at most {text.rate(hourly, 2)} per hour of driving (95 %: {text.interval(low, high, 2)}). "
+        f"The EU names {text.rate(_INDICATIVE, 1)} fatalities per hour of operation as an indicative criterion. A "
+        "serious injury is more frequent than a death, and deaths outside of the AV are not counted. To show that "
+        f"criterion with a confidence of 95 % takes {text.rate(hours, 2)} hours without a death, at that speed "
+        f"{text.miles(hours * speed)}.",
+        value=hourly,
+        unit="1/h",
+        interval95=(low, high),
+        covers=_CHANCE,
+        how="Regulation (EU) 2022/1426, Annex II 7.1.1, footnote (for comparable transport services; other measures "
+        f"are allowed). Hours: rule of three. No driving time is stored: all miles count as driven at "
+        f"{m.odd.max_speed:g} m/s, the largest speed of any vehicle.",
+    )
+
+
+_LIKE = {
+    "MAIS 3 or more": ("injuries of MAIS 3 or more, deaths among them,", "Persons are counted there, not vehicles"),
+    "any injury": ("any injury", "Any injury is more frequent than a serious one"),
+}
+"""What a published rate is of, and why serious injuries in the AV over it are a lower bound."""
 
 
 def _people(m: Material) -> tuple[list[Finding], list[str]]:
@@ -207,24 +241,25 @@ def _people(m: Material) -> tuple[list[Finding], list[str]]:
     if m.known.kinds is None:
         return [], ["People's rates: no natural crash was analysed, so there is nothing to hold against them."]
     claims = []
-    for row in matching("freeway", "any injury"):
+    for row in (*matching("freeway", "MAIS 3 or more", unit=PERSONS), *matching("freeway", "any injury")):
         try:
             found = compare_kind(row, m.known.kinds.serious_injuries)
         except InputError as error:
             return [], [f"People's rates: {error}"]
+        outcome, why = _LIKE[row.outcome]
         needed = ", ".join(f"{miles_needed(row.rate, ratio)[0]:.1f} at {ratio:g}" for ratio in (0.0, *TRUE_RATIOS))
         claims.append(
             Finding(
-                said=f"Serious injuries in the AV are {text.rate(found.ratio, 2)} times as frequent as any injury "
-                f"of people on freeways of {row.place} ({row.rate:g} {row.unit} per million miles; 95 %: "
-                f"{text.interval(found.low, found.high, 2)}). Any injury is more frequent than a serious one: so a "
+                said=f"Serious injuries in the AV are {text.rate(found.ratio, 2)} times as frequent as {outcome} "
+                f"of people on freeways of {row.place} ({row.rate:.3g} {row.unit} per million miles; 95 %: "
+                f"{text.interval(found.low, found.high, 2)}). {why}: so a "
                 "lower bound. To show an AV no worse than these people takes so many million miles, by its true rate "
                 f"over theirs: {needed}.",
                 value=found.ratio,
                 n=m.known.kinds.all.cases,
                 interval95=(found.low, found.high),
                 covers=_CHANCE,
-                how=f"{row.source} ({row.doi}). Miles: exact Poisson test, 95 % confidence, 80 % power.",
+                how=f"{row.source} ({row.doi}; {row.where}). Miles: exact Poisson test, 95 % confidence, 80 % power.",
             )
         )
     return claims, [DIFFERENCES]
