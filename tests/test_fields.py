@@ -52,8 +52,9 @@ def test_a_case_has_every_real_series_and_pose_of_the_lists() -> None:
     for place, name in enumerate(REALS, start=1):
         cells[name] = [[place, 99], [10 * place, 100 * place]]
     cells["present"] = [[1, 0], [1, 1]]
+    zeros = np.zeros(1)
     nothing = Decisions(
-        np.zeros((1, 2), np.int8), np.zeros(1, np.int16), np.zeros(1), np.zeros(1), np.zeros(1), np.zeros(1)
+        np.zeros((1, 2), np.int8), np.zeros(1, np.int16), zeros, zeros, zeros, zeros, np.zeros(1, np.int8)
     )
     bodies = np.zeros(2, dtype=VEHICLE)
     bodies["length"], bodies["width"] = 5.0, 2.0

@@ -43,10 +43,17 @@ def crash_behind(test: int, frames: int, vehicles: int) -> Scenario:
     present[0, 1:] = False
     lane = np.zeros(shape, np.int8)
     lane[:, 1:-1] = 2
-    reals = {"x": x, "y": 4.0 * lane + 2.0, "speed": speed, "heading": np.zeros(shape), "acceleration": 0.1 * speed}
+    reals: dict[str, Any] = {
+        "x": x,
+        "y": 4.0 * lane + 2.0,
+        "speed": speed,
+        "heading": np.zeros(shape),
+        "acceleration": 0.1 * speed,
+    }
+    series: dict[str, Any] = {name: np.where(present, values, np.nan) for name, values in reals.items()}
     return Scenario(
         seed=7, test=test, odd=ODD, slot=np.arange(0, 3 * vehicles, 3, dtype=np.int16),
-        **{name: np.where(present, values, np.nan) for name, values in reals.items()},
+        **series,
         target_lane=np.where(present, lane, -1).astype(np.int8), present=present,
         action=np.full((1, vehicles), -1, np.int8), critical_bv=np.full(1, -1, np.int16), log_prob_nde=np.zeros(1),
         crash=Crash(0.1 * (frames - 1), 0, 3 * (vehicles - 1)),

@@ -9,10 +9,10 @@ import pytest
 SOURCE = Path(__file__).parents[1] / "src" / "cornerforge"
 TOP = "modules beside the folders"
 BUDGETS = {
-    "adversary": 3_790, "analysis": 5_765, "cli": 1_265, "counterfactual": 1_590, "drivers": 1_725, "envs": 30,
-    "experiment": 1_480, "ext": 29_090, "foreign": 5_075, "library": 3_575, "metrics": 720,
-    "ndd": 830, "rates": 4_780, "report": 3_380, "results": 2_930, "road": 1_150, "sim": 8_535, "verbs": 5_940,
-    "work": 780, TOP: 5_190,
+    "adversary": 3_795, "analysis": 5_765, "cli": 1_265, "counterfactual": 1_590, "drivers": 1_725, "envs": 30,
+    "experiment": 1_485, "ext": 29_095, "foreign": 5_075, "library": 3_615, "metrics": 720,
+    "ndd": 830, "rates": 4_785, "report": 3_420, "results": 2_930, "road": 1_155, "sim": 9_025, "verbs": 5_945,
+    "work": 780, TOP: 5_335,
 }  # fmt: skip
 LONGEST = 640
 """Lines of a file, at most."""

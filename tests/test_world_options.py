@@ -42,7 +42,7 @@ def names(options: type) -> set[str]:
 
 def test_parts_of_a_world_are_options_of_the_world() -> None:
     asked = {"av_timeout", "av_python", "av_memory", "av_actions", "av_statistics"}
-    road = {"odd", "lanes", "road", "task", "traffic", "model"}
+    road = {"odd", "lanes", "road", "task", "traffic", "perception", "model"}
     assert names(RoadOptions) == road
     assert names(AvProcessOptions) == asked
     assert names(AvAskedOptions) == asked | {"av_batch", "av_processes"}

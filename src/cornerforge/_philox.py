@@ -26,6 +26,7 @@ __all__ = [
     "PURPOSE_EXPLORE",
     "PURPOSE_GUIDE",
     "PURPOSE_INITIAL",
+    "PURPOSE_PERCEIVE",
     "PURPOSE_ROULETTE",
     "PURPOSE_TRAITS",
     "block",
@@ -54,6 +55,8 @@ PURPOSE_ROULETTE = 8
 """Worlds of a tree of tests that are driven on: 1 word used."""
 PURPOSE_GUIDE = 9
 """Whether and how a learning adversary is guided while it explores."""
+PURPOSE_PERCEIVE = 10
+"""What an AV perceives of a vehicle in a second: 3 words = displacement along and across the road, loss."""
 
 # Trap: in Numba uint64 mixed with a signed integer becomes float64, so every constant here is np.uint64.
 _M0 = np.uint64(0xD2511F53)

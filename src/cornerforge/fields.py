@@ -269,10 +269,12 @@ CASE_ROW = np.dtype(
         *_row(CASES),
         ("log_prob_policy", "f8"),
         ("policy", "i8"),
+        ("hidden", "i8"),
         ("n_frames", "i4"),
         ("n_kept", "i4"),
     ],
     align=True,
 )
 """One case as the kernel makes it: the numeric columns of `CASES`, NaN for null; ln P of the critical BV's actions
-under the policy; index of the policy in the mixture; numbers of frames and of stored vehicles."""
+under the policy; index of the policy in the mixture; seconds in which an adversary made the AV lose the critical BV,
+bit k for second k; numbers of frames and of stored vehicles."""

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge._schema import check_fields, meant, read
 from cornerforge.errors import InputError, UnknownNameError
+from cornerforge.perception import Perception
 from cornerforge.road.network import Road, faults_of
 
 __all__ = [
@@ -144,6 +145,7 @@ QUEUE_FROM, QUEUE_TO = 250.0, 330.0
 LATER = {
     "truck_share": 0.0, "motorcycle_share": 0.0, "ignored_rear": 0.0, "same_duration": False, "slower_right": 0.0,
     "max_jerk": math.inf, "road": None, "road_at": 0.0, "task": "through", "traffic": "free",
+    "perception": None,
 }  # fmt: skip
 """Fields of an ODD that files may lack, and what they are there."""
 
@@ -196,6 +198,7 @@ class Odd:
         choices=("through", "ramp", "exit"))] = "through"  # fmt: skip
     traffic: Annotated[str, meant("How the others drive: freely at 20 to 40 m/s, densely, or freely up to the end of "
         "a queue ahead.", choices=tuple(TRAFFIC))] = "free"  # fmt: skip
+    perception: Annotated[Perception | None, meant("What the AV perceives; missing: everything, at once.")] = None
 
     def __post_init__(self) -> None:
         check_integer("lanes", self.n_lanes, low=2, high=MAX_LANES)
@@ -245,6 +248,8 @@ class Odd:
         given = {"max_jerk": math.inf, **stated}
         if isinstance(given.get("road"), Mapping):
             given["road"] = read(Road, given["road"], "The road")
+        if isinstance(given.get("perception"), Mapping):
+            given["perception"] = read(Perception, given["perception"], "The perception")
         return Odd(**given)
 
     def size_of(self, kind: int) -> tuple[float, float]:
@@ -352,6 +357,7 @@ class Scenario:
             not recorded, as in scenarios read from a library.
         excess: -ln P of the critical BV's action minus its expected value, the entropy of what a natural driver does
             [nats], shape (K,); +inf, 0 and None as of `shortfall`.
+        hidden: Seconds in which an adversary made the AV lose the critical BV: bit k is 1 for second k.
     """
 
     seed: int
@@ -375,6 +381,7 @@ class Scenario:
     length: NDArray[np.float64] = field(default_factory=lambda: np.empty(0), metadata={"unit": "m"})
     width: NDArray[np.float64] = field(default_factory=lambda: np.empty(0), metadata={"unit": "m"})
     change_time: NDArray[np.float64] = field(default_factory=lambda: np.empty(0), metadata={"unit": "s"})
+    hidden: int = 0
 
     def __post_init__(self) -> None:
         size = self.slot.size
@@ -386,6 +393,12 @@ class Scenario:
                 object.__setattr__(self, name, np.array(sizes, dtype=np.float64))
         if self.change_time.size == 0:
             object.__setattr__(self, "change_time", np.full(size, self.odd.lane_change_duration))
+
+    @property
+    def hidden_slots(self) -> NDArray[np.int16]:
+        """Slot that an adversary made the AV lose in the second of each decision, (K,); -1 for none."""
+        lost = np.array([bool(self.hidden >> second & 1) for second in range(self.critical_bv.size)], dtype=np.bool_)
+        return np.where(lost, self.slot[self.critical_bv], -1).astype(np.int16)
 
     @property
     def case_id(self) -> str:

@@ -88,6 +88,14 @@ class RoadOptions(_World):
             "How the others drive: freely, densely, or up to the end of a queue.", choices=("free", "dense", "queue")
         ),
     ] = "free"
+    perception: Annotated[
+        str | None,
+        meant(
+            "What the AV perceives of the others, such as latency=0.2,range=120,dropout=0.01,noise=0.3,occlusion "
+            "(s, m, chance a second, m); everything at once by default.",
+            metavar="WHAT",
+        ),
+    ] = None
     model: Annotated[Path | str | NddModel | None, meant("Naturalistic model; the shipped one by default.")] = None
 
 

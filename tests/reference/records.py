@@ -68,6 +68,7 @@ def case_record(
         np.full(decided, np.nan) if scenario.shortfall is None else np.array(scenario.shortfall, np.float64),
         np.full(decided, np.nan) if scenario.excess is None else np.array(scenario.excess, np.float64),
         np.zeros(decided),
+        np.zeros(decided, dtype=np.int8),
     )
     bodies = np.zeros(vehicles, dtype=VEHICLE)
     for body in BODY:

@@ -318,7 +318,7 @@ def test_a_reset_leaves_nothing_of_the_test_before(model: NddModel) -> None:
     state = {name: world.state[name][0] for name in STATE.names or ()}
     draws = state.pop("draw")
     assert draws == unused.state["draw"][0] > fresh.size
-    named = {"seed": 5, "test": 3, "outcome": RUNNING, "controlled": -1, "bv_action": -1}
+    named = {"seed": 5, "test": 3, "outcome": RUNNING, "controlled": -1, "bv_action": -1, "hidden": -1}
     sizes = dict.fromkeys(("n_vehicles", "n_current", "n_seen"), fresh.size)
     assert state == dict.fromkeys(state, 0) | named | sizes
     for name in AV.names or ():

@@ -121,7 +121,9 @@ class _Actor:
         self._reward = config.av_reward
         self._scratch = allocate_scratch(slots, setting.who.policy)
         self._keep = keep_nothing(slots)
-        self._actors = allocate_av_actors(config.worlds, slots, av_features.N_AV_FEATURES, config.adversaries)
+        self._actors = allocate_av_actors(
+            config.worlds, slots, av_features.N_AV_FEATURES, config.adversaries, setting.road.perception.late
+        )
         self._out = allocate_transitions(AV_DECISIONS * config.worlds, av_features.N_AV_FEATURES)
         self.finished = self._actors.finished.view(np.int64)
         with naming_tests(self._actors.worlds):

@@ -21,6 +21,7 @@ from cornerforge.experiment.roads import odd_on, road_in_words, road_named
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.spec import AvSpec, spec_of
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
+from cornerforge.perception import perception_of
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import Setting, controllers, n_slots, observe
 from cornerforge.types import Odd, odd_named
@@ -135,6 +136,8 @@ def road_of(world: WorldOptions) -> Odd:
         raise InputError(f"task = {world.task!r} needs a road with a ramp or an exit; give road, such as on-ramp.")
     elif world.lanes is not None:
         odd = replace(odd, n_lanes=world.lanes)
+    if world.perception is not None:
+        odd = replace(odd, perception=perception_of(world.perception))
     if road_numbers(odd).stops:
         warnings.warn(road_in_words(odd), stacklevel=3)
     return odd

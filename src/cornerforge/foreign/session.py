@@ -198,7 +198,8 @@ class AvSession:
     def batch(self, slots: int) -> lockstep.Batch:
         """Give the batch with all worlds idle."""
         if self._batch is None or self._batch.worlds.vehicles.shape[1] != slots:
-            self._batch = lockstep.allocate_batch(self._context.batch, slots, self.views(self._context.batch, slots))
+            views = self.views(self._context.batch, slots)
+            self._batch = lockstep.allocate_batch(self._context.batch, slots, views, self._road.perception.late)
         lockstep.stop(self._batch, np.arange(len(self._batch.views)))
         return self._batch
 

@@ -262,6 +262,11 @@ def _check_kind(parsed: Any, path: Path) -> None:
 def _content(case: CaseFile) -> dict[str, Any]:
     """Make what the file holds as JSON values."""
     script, rails = case.script, case.on_rails
+    if (script.hidden >= 0).any():
+        raise InputError(
+            f"In {case.name} an adversary made the AV lose sight of a vehicle, which a case file cannot say; keep the "
+            "library."
+        )
     poses = script.poses
     set_speed = float(script.start[0]["desired_speed"])
     return {

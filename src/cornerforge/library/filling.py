@@ -24,7 +24,7 @@ from cornerforge.experiment.setting import AV_LOG
 from cornerforge.foreign.session import answers_per_test
 from cornerforge.intervals import binomial_interval
 from cornerforge.library import CaseLibrary
-from cornerforge.library.harvester import CaseRoom, Harvested, Harvester, harvested_of
+from cornerforge.library.harvester import CaseRoom, Harvested, Harvester, harvested_of, hides_bvs
 from cornerforge.library.shards import EncodedShard, encode_tables
 from cornerforge.ndd.model import save_model
 from cornerforge.results import Filled, Simulated
@@ -93,7 +93,10 @@ class _RecordingHarvester:
     def __init__(self, run: Experiment, policies: list[str]) -> None:
         self._run = run
         # The recorder is made before the tests: it keeps the AV's answers, since an AV may draw random numbers.
-        self._recorder, self._cases = run.recorder(), CaseRoom(run.slots, int(run.setting.road.max_decisions), policies)
+        self._recorder, self._cases = (
+            run.recorder(),
+            CaseRoom(run.slots, int(run.setting.road.max_decisions), policies, hides=hides_bvs(run.setting)),
+        )
         self.warm_up = run.warm_up
 
     def harvest(self, seed: int, first: int, count: int, *, counting: bool = False) -> Harvested:

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from cornerforge.errors import InputError
 from cornerforge.fields import CASES, TRACKS
 from cornerforge.library.schema import EXTRA_TYPES, arrow_schema, check_extra_name
-from cornerforge.library.tables import POLICY_COLUMNS, tables_of
+from cornerforge.library.tables import extra_columns, tables_of
 from cornerforge.sim import (
     Setting,
     allocate_scratch,
     allocate_worlds,
+    controllers,
     keep_nothing,
     keep_whole_test,
     naming_tests,
@@ -32,7 +33,7 @@ from cornerforge.sim import (
 )
 from cornerforge.types import SUBSTEPS
 
-__all__ = ["CaseRoom", "Harvested", "Harvester", "Scalar", "harvested_of"]
+__all__ = ["CaseRoom", "Harvested", "Harvester", "Scalar", "harvested_of", "hides_bvs"]
 
 _ROOM = 64
 """Number of cases that buffers hold."""
@@ -68,10 +69,11 @@ class CaseRoom:
         slots: Vehicle slots per world.
         decisions: Most of a test.
         policies: Hashes of the policies that drive, in the order of the mixture; none for a plain adversary.
+        hides: As for `tables.tables_of`.
     """
 
-    def __init__(self, slots: int, decisions: int, policies: Sequence[str] = ()) -> None:
-        self._policies = tuple(policies)
+    def __init__(self, slots: int, decisions: int, policies: Sequence[str] = (), *, hides: bool = False) -> None:
+        self._policies, self._hides = tuple(policies), hides
         self._longest = (SUBSTEPS * decisions + 1, slots)
         cases = max(1, min(_ROOM, _MOST_NUMBERS // (self._longest[0] * slots)))
         self._harvest = harvests.allocate_harvest(cases, slots, decisions)
@@ -112,7 +114,9 @@ class CaseRoom:
     def _empty(self) -> None:
         h = self._harvest
         if h.n_cases:
-            self._parts.append(tables_of(h, policies=self._policies, starts=self._starts, poses=self._poses))
+            self._parts.append(
+                tables_of(h, policies=self._policies, hides=self._hides, starts=self._starts, poses=self._poses)
+            )
         self._starts.clear()
         self._poses.clear()
         h.clear()
@@ -125,7 +129,7 @@ class CaseRoom:
         """
         self._empty()
         if not self._parts:
-            extra = POLICY_COLUMNS if self._policies else {}
+            extra = extra_columns(self._policies, hides=self._hides)
             return arrow_schema(CASES, extra).empty_table(), arrow_schema(TRACKS).empty_table()
         cases, tracks = (pa.concat_tables(tables) for tables in zip(*self._parts, strict=True))
         kinds = [{name: type(value).__name__ for name, value in own.items()} for own in self._own]
@@ -154,6 +158,11 @@ class CaseRoom:
         return found
 
 
+def hides_bvs(setting: Setting) -> bool:
+    """Say whether the adversary of a run may make the AV lose a BV (`perception.Perception`)."""
+    return bool(setting.road.perception.dropout > 0.0 and setting.who.critical != controllers.NOBODY)
+
+
 class Harvester:
     """Drives tests of one run and keeps their crashes; its buffers serve one thread.
 
@@ -165,11 +174,11 @@ class Harvester:
 
     def __init__(self, setting: Setting, slots: int, policies: Sequence[str] = ()) -> None:
         self._setting = setting
-        self._world = world_of(allocate_worlds(1, slots))
+        self._world = world_of(allocate_worlds(1, slots, setting.road.perception.late))
         self._scratch = allocate_scratch(slots, setting.who.policy)
         self._whole, self._nothing = keep_whole_test(setting, slots), keep_nothing(slots)
         self._no_counts = statistics.allocate_counts()
-        self._cases = CaseRoom(slots, setting.road.max_decisions, policies)
+        self._cases = CaseRoom(slots, setting.road.max_decisions, policies, hides=hides_bvs(setting))
 
     def harvest(self, seed: int, first: int, count: int, *, counting: bool = False) -> Harvested:
         """Drive `count` tests from `first` on; nearly all of it without the GIL.

@@ -23,19 +23,36 @@ from cornerforge.types import Crash, Odd, Scenario
 if TYPE_CHECKING:
     from cornerforge.sim import harvest
 
-__all__ = ["POLICY_COLUMNS", "ROW_GROUP", "parquet_bytes", "restore", "script_of", "tables_of"]
+__all__ = [
+    "HIDDEN_COLUMN",
+    "POLICY_COLUMNS",
+    "ROW_GROUP",
+    "extra_columns",
+    "parquet_bytes",
+    "restore",
+    "script_of",
+    "tables_of",
+]
 
 POLICY_COLUMNS = {"log_prob_policy": "float", "policy": "str"}
 """Extra columns where policies drive: log-probability of the critical BV's actions under the policy (0 when it acts
 greedily), and the hash of the policy that drove the test."""
+HIDDEN_COLUMN = "hidden_seconds"
+"""Extra column where an adversary may make the AV lose the critical BV: bit k is 1 if it did in second k."""
 ROW_GROUP = 100
 """Cases in a row group of a tracks file; reading one case unpacks one row group."""
+
+
+def extra_columns(policies: Sequence[str], *, hides: bool) -> dict[str, str]:
+    """Give the extra columns of the cases of an adversary, name to type: policies' hashes, and whether it hides BVs."""
+    return {**(POLICY_COLUMNS if policies else {}), **({HIDDEN_COLUMN: "int"} if hides else {})}
 
 
 def tables_of(
     h: harvest.Harvest,
     *,
     policies: Sequence[str] = (),
+    hides: bool = False,
     starts: Sequence[NDArray[np.void]] = (),
     poses: Sequence[NDArray[np.float64]] = (),
 ) -> tuple[pa.Table, pa.Table]:
@@ -44,6 +61,7 @@ def tables_of(
     Args:
         h: At least one case.
         policies: Hashes of the policies that drove, in the order of the mixture; none: no columns of policies.
+        hides: The adversary may make the AV lose the critical BV: with `HIDDEN_COLUMN`.
         starts: States at frame 0 of each case if they are scripted; the tracks are `SCRIPTED_TRACKS` then.
         poses: Rails of each scripted case (`sim.Script.poses`); the tracks are `RAILS_TRACKS` then.
     """
@@ -60,7 +78,9 @@ def tables_of(
         # what was not recorded cannot be counted
         "n_implausible": pa.array(rows["n_implausible"].copy(), mask=np.isnan(rows["possible_shortfall_nats"])),
     }
-    extra = POLICY_COLUMNS if policies else {}
+    extra = extra_columns(policies, hides=hides)
+    if hides:
+        given[HIDDEN_COLUMN] = pa.array(rows["hidden"].copy())
     if policies:
         given["policy"] = pa.array(np.array(policies, dtype=object)[rows["policy"]], pa.string())
         given["log_prob_policy"] = pa.array(rows["log_prob_policy"].copy())
@@ -178,6 +198,7 @@ def restore(case: Mapping[str, Any], tracks: pa.Table, row: int, odd: Odd) -> Sc
         critical_bv=values("critical_bv"),
         log_prob_nde=values("decision_log_prob_nde"),
         crash=Crash(time=case["crash_time_s"], slot_a=0, slot_b=case["bv_slot"]),
+        hidden=int(case.get(HIDDEN_COLUMN) or 0),
     )
 
 

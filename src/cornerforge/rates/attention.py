@@ -23,6 +23,7 @@ from cornerforge.sim import (
     controllers,
     keep_nothing,
     outcome,
+    perception,
     reset_world,
     warn_of_left_out,
     world_of,
@@ -106,7 +107,7 @@ def action_chances(
     check_integer("test", test, low=0, high=2**62)
     if setting.who.critical != controllers.NOBODY or setting.who.others != controllers.NATURALISTIC:
         raise InputError("Chances of actions are those of natural traffic; this run has other drivers.")
-    world = world_of(allocate_worlds(1, slots))
+    world = world_of(allocate_worlds(1, slots, setting.road.perception.late))
     reset_world(world, seed, test, setting)
     check_integer("slot", slot, low=1, high=int(world.state["n_vehicles"][0]) - 1)
     scratch, keep = allocate_scratch(slots, setting.who.policy), keep_nothing(slots)
@@ -120,7 +121,9 @@ def action_chances(
         if step is not None:
             lane = step.av_lane(world, setting)
         else:
+            perception.show_as_seen(world, 0, setting.road, scratch.av)
             _, lane = built_in_av_decides(world, 0, setting.road, setting.av, scratch.av)
+            perception.show_as_is(world, setting.road, scratch.av)
         looks.append(1.0 - braking.looks_away_chance(world.vehicles, slot, setting.road, setting.tables.memory))
         for row, attentive in enumerate((True, False) if present else ()):
             chances.action_probabilities(world, slot, attentive, lane, setting.road, setting.tables, starters, p)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cornerforge._jit import inlined_kernel
+from cornerforge.perception import PERFECT, PerceptionNumbers, numbers_of_perception
 from cornerforge.road.lanes import LaneTable, av_lanes_at, lane_table
 
 if TYPE_CHECKING:
@@ -90,6 +91,7 @@ class RoadNumbers(NamedTuple):
         queue: There is a queue ahead of the AV.
         spacing: `Odd.spacing`.
         law: Factors of the laws by which BVs merge and stop; not read where lanes go on and none stops.
+        perception: What the AV perceives.
     """
 
     n_lanes: int
@@ -123,6 +125,7 @@ class RoadNumbers(NamedTuple):
     queue: bool
     spacing: float
     law: LawFactors = STATED
+    perception: PerceptionNumbers = PERFECT
 
 
 def road_numbers(odd: Odd) -> RoadNumbers:
@@ -160,6 +163,7 @@ def road_numbers(odd: Odd) -> RoadNumbers:
         lanes.varied or odd.traffic != "free",
         odd.traffic == "queue",
         odd.spacing,
+        perception=numbers_of_perception(odd.perception),
     )
 
 

@@ -20,12 +20,14 @@ of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs
   serve callers that look at vehicles which the loop moves only once a second.
 - *Drive*: thin callers of the loop. `simulate` sums tests up in a `Tally`, `runner` has its parts; `Recorder` records
   one test in full, `recorder` makes cases of it, `harvest` collects cases in bulk; `ScriptDriver` drives a `Script`
-  (`scripted`, `rails`); `lockstep` is for AVs in other processes.
+  (`scripted`, `rails`); `lockstep` is for AVs in other processes. `perceived` says where an AV saw others in a
+  recording.
 - *Views*: sizes and versions of what is seen by the adversary (`observe`), by an AV (`av_view`, `av_scene`), and by
   the learned AV (`av_features`).
-- *Parts* of a second, for kernels of other packages: `built_in_av_decides`, and `av_decide` for the plain AV;
-  `choose_action` for plain adversaries and policies; `chances` of each action, `steering` of the words that draw it;
-  `neighbours`; `actions` as they begin, `motion`, and `bicycle` of an AV that steers.
+- *Parts* of a second, for kernels of other packages: `perception` shows a world as the AV sees it; then
+  `built_in_av_decides` is asked, and `av_decide` for the plain AV; `choose_action` for plain adversaries and policies;
+  `chances` of each action, `steering` of the words that draw it; `neighbours`; `actions` as they begin, `motion`, and
+  `bicycle` of an AV that steers.
 
 Worlds to learn in are in `adversary.worlds`, weighted tests in `rates.branching`, questions about recorded crashes in
 `counterfactual`.
@@ -34,8 +36,8 @@ Inside, in the order of reading: `world`, `outcome`, `traffic`, `snapshot` (with
 `setting`; `scratch`; `keep`; `loop`. Within the loop: `decide` (what BVs draw; `steering`), `chances` (with which
 probability; `trucks`, `braking`, `merging`), `adversaries` (the critical BV), `av`, `av_kinds` and `av_flawed`
 (built-in AVs), `actions`, `motion`, `bicycle`, `rails`, `step` and `reach` (contact), `neighbours`, `sight`,
-`statistics` and `crossings`. Views: `observe`, `av_view`, `av_scene`, `av_features`. Callers: `drive` (whole tests),
-`runner`, `scripted`, `lockstep`, `recorder`, `harvest`.
+`perception`, `statistics` and `crossings`. Views: `observe`, `av_view`, `av_scene`, `av_features`. Callers: `drive`
+(whole tests), `runner`, `scripted`, `lockstep`, `recorder`, `harvest`.
 
 The package knows no file, no learner and no plot. The same seed, test and setting give the same bits on any machine,
 for any number of threads, through any of the callers (docs/design.md, ADR 20 and 21).
@@ -63,6 +65,7 @@ if TYPE_CHECKING:
         neighbours,
         observe,
         outcome,
+        perception,
         rails,
         recorder,
         runner,
@@ -85,6 +88,7 @@ if TYPE_CHECKING:
         answer_as_bv,
         look_as_bv,
     )
+    from cornerforge.sim.perception import perceived
     from cornerforge.sim.recorder import Recorder
     from cornerforge.sim.runner import Tally, simulate
     from cornerforge.sim.scratch import Scratch, allocate_scratch, warn_of_left_out
@@ -110,9 +114,9 @@ __all__ = [
     "allocate_scratch", "allocate_worlds", "answer_as_av", "answer_as_bv", "av_decide", "av_features", "av_scene",
     "av_view", "bicycle", "braking", "branch_of", "bring_up_to_date", "built_in_av_decides", "chances", "choose_action",
     "controllers", "copy_of", "forget_frames", "harvest", "keep_nothing", "keep_whole_test", "lockstep", "look_as_bv",
-    "moment_of", "motion", "n_slots", "naming_tests", "neighbours", "observe", "outcome", "packed", "rails",
-    "recorder", "reset_world", "runner", "scripted", "simulate", "statistics", "steering", "unpacked",
-    "warn_of_left_out", "world_of", "world_row",
+    "moment_of", "motion", "n_slots", "naming_tests", "neighbours", "observe", "outcome", "packed", "perceived",
+    "perception", "rails", "recorder", "reset_world", "runner", "scripted", "simulate", "statistics", "steering",
+    "unpacked", "warn_of_left_out", "world_of", "world_row",
 ]  # fmt: skip
 
 FOR_PROGRAMS = (
@@ -141,12 +145,13 @@ _PLACES: dict[str, tuple[str, ...]] = {
     "recorder": ("Recorder",),
     "scripted": ("Script", "ScriptDriver"),
     "av": ("av_decide",),
+    "perception": ("perceived",),
     "av_kinds": ("built_in_av_decides",),
     "adversaries": ("choose_action",),
     "": (
         "actions", "av_features", "av_scene", "av_view", "bicycle", "braking", "chances", "controllers", "harvest",
-        "lockstep", "motion", "neighbours", "observe", "outcome", "rails", "recorder", "runner", "scripted",
-        "statistics", "steering",
+        "lockstep", "motion", "neighbours", "observe", "outcome", "perception", "rails", "recorder", "runner",
+        "scripted", "statistics", "steering",
     ),
 }  # fmt: skip
 """Module -> the names that it gives; modules given as a whole come last."""

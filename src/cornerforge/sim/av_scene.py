@@ -21,8 +21,8 @@ to centre). Columns, float64:
 | 16 CURVATURE | row 0: of its way now, to the left positive [1/m]; 0 for an AV that orders lanes |
 | 17 TARGET_LANE | row 0: lane that it keeps or changes to |
 
-Perception is taken as perfect, as for `av_view`; what a driver has decided is seen only by the indicator, which some
-drivers do not use, and by motion.
+Perception is perfect unless the ODD says otherwise (`perception.Perception`); what a driver has decided is seen only by
+the indicator, which some drivers do not use, and by motion.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from cornerforge.geometry import path_at
 from cornerforge.road.straight import distance_left, driven, lane_centre, lane_of
 from cornerforge.sim.av_view import VIEW_COLUMNS, nearest_along, view_of_av
 from cornerforge.sim.motion import path_of
+from cornerforge.sim.perception import show_as_is, show_as_seen
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.road.straight import RoadNumbers
+    from cornerforge.sim.scratch import AvScratch
 from cornerforge.sim.world import World
 
 __all__ = [
@@ -147,9 +149,11 @@ def scene_of_av(w: World, road: RoadNumbers, found: NDArray[np.int64], out: NDAr
 
 
 @kernel
-def show_to_av(w: World, road: RoadNumbers, found: NDArray[np.int64], out: NDArray[Any]) -> None:
+def show_to_av(w: World, road: RoadNumbers, s: AvScratch, out: NDArray[Any]) -> None:
     """Write what an AV outside the kernels sees into `out`: a view (`av_view`) or a scene, by its columns."""
+    show_as_seen(w, w.state[0].substep, road, s)
     if out.shape[1] == VIEW_COLUMNS:
-        view_of_av(w, road, VISIBLE, found, out)
+        view_of_av(w, road, VISIBLE, s.found, out)
     else:
-        scene_of_av(w, road, found, out)
+        scene_of_av(w, road, s.found, out)
+    show_as_is(w, road, s)

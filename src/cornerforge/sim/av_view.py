@@ -14,7 +14,8 @@ to centre); rows without a vehicle are 0. Columns:
 | 6 | lane that it keeps or changes to, 0 the rightmost | lane that it is seen to enter, else that of its centre |
 | 7 | 1 while it changes lanes, else 0 | 1 from 0.375 m off the centre of its lane on, while it changes lanes |
 
-Perception of what can be seen is taken as perfect, as in the paper ("only decisions are tested"). What a driver has
+Perception of what can be seen is perfect, as in the paper ("only decisions are tested"), unless the ODD says otherwise
+(`perception.Perception`). What a driver has
 decided cannot be seen before the vehicle moves (docs/adr/0023-what-an-av-sees.md).
 """
 

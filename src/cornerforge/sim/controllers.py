@@ -104,6 +104,8 @@ class Cast(NamedTuple):
 
 NO_CAST = Cast(np.zeros(1, dtype=np.float32), np.zeros(0, dtype=MEMBER))
 NO_SCRIPT = np.zeros((0, 0), dtype=np.int8)
+HIDDEN = 64
+"""Added to the action of a script: the AV loses that vehicle in that second."""
 
 
 class Controllers(NamedTuple):
@@ -119,7 +121,8 @@ class Controllers(NamedTuple):
         temperature: Temperature at which a policy draws its actions; 0: it takes the best one; AS_LEARNED: as its
             head says.
         cast: The mixture of policies, each with its own mask and budget; empty for none.
-        script: Action of each vehicle at each decision, int8 (K, N), for SCRIPTED; the test is cut off after K.
+        script: Action of each vehicle at each decision, plus HIDDEN where the AV loses it, int8 (K, N), for
+            SCRIPTED; the test is cut off after K.
         rails: Starts and rails of the tests, for RAILS; then no BV is critical.
     """
 

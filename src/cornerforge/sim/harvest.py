@@ -407,6 +407,7 @@ def _keep_decisions(
     row.excess_nats = 0.0
     stretch = 0.0
     row.log_prob_policy = 0.0
+    row.hidden = 0
     for k in range(end.decisions):
         place = filled[DECISIONS] + k
         critical = decisions.controlled[k]
@@ -415,6 +416,8 @@ def _keep_decisions(
         h.critical_bv_action[place] = decisions.action[k, critical] if critical >= 0 else -1
         h.log_prob[place] = decisions.log_prob[k]
         row.log_prob_policy += decisions.log_prob_policy[k]
+        if decisions.hidden[k]:
+            row.hidden |= 1 << k
         if decisions.log_prob[k] == -math.inf:
             row.n_impossible += 1
         row.log_prob_nde += decisions.log_prob[k]

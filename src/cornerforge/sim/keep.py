@@ -9,7 +9,8 @@ import numpy as np
 
 from cornerforge._elementary import log
 from cornerforge._jit import kernel
-from cornerforge.sim.observe import price_from
+from cornerforge.sim.observe import UNITS_PER_NAT, price_from
+from cornerforge.sim.perception import losses_price
 from cornerforge.sim.statistics import NOBODY_COUNTED, Census, Counts, allocate_counts
 from cornerforge.sim.step import allocate_recording
 from cornerforge.types import N_ACTIONS, SUBSTEPS
@@ -17,6 +18,7 @@ from cornerforge.types import N_ACTIONS, SUBSTEPS
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.scratch import ChoiceScratch
     from cornerforge.sim.setting import Setting
     from cornerforge.sim.world import World
@@ -45,6 +47,8 @@ class Decisions(NamedTuple):
         excess: Entropy of what the BV may do, taken from -ln of the probability of what it did [nats], (K,): in the
             mean 0 of natural drivers; +inf where the action is impossible; 0 without a critical BV.
         log_prob_policy: Natural log of the action's probability under the policy, (K,); 0 without a policy.
+        hidden: 1 where the adversary also made the AV lose the critical BV (`perception.lose_controlled`), (K,); the
+            natural chance of that is in the three measures before.
     """
 
     action: NDArray[np.int8]
@@ -53,6 +57,7 @@ class Decisions(NamedTuple):
     shortfall: NDArray[np.float64]
     excess: NDArray[np.float64]
     log_prob_policy: NDArray[np.float64]
+    hidden: NDArray[np.int8]
 
 
 class Keep(NamedTuple):
@@ -75,7 +80,9 @@ class Keep(NamedTuple):
 
 def allocate_decisions(n: int, slots: int) -> Decisions:
     """Allocate n decisions of `slots` vehicles; 0 records nothing."""
-    return Decisions(np.zeros((n, slots), dtype=np.int8), np.zeros(n, dtype=np.int16), *(np.zeros(n) for _ in range(4)))
+    log_prob, shortfall, excess, of_policy = np.zeros((4, n))
+    action, hidden = np.zeros((n, slots), dtype=np.int8), np.zeros(n, dtype=np.int8)
+    return Decisions(action, np.zeros(n, dtype=np.int16), log_prob, shortfall, excess, of_policy, hidden)
 
 
 def keep_nothing(slots: int, *, counts: Counts | None = None, census: Census = NOBODY_COUNTED) -> Keep:
@@ -98,13 +105,16 @@ def keep_whole_test(setting: Setting, slots: int) -> Keep:
 
 
 @kernel
-def record_choice(w: World, bv: int, log_prob_policy: float, s: ChoiceScratch, decisions: Decisions) -> None:
+def record_choice(
+    w: World, bv: int, log_prob_policy: float, road: RoadNumbers, s: ChoiceScratch, decisions: Decisions
+) -> None:
     """Note all actions in the second that begins, and how likely the critical BV's action was.
 
     Args:
         w: The world; all vehicles have decided, none has begun to act.
         bv: Slot of the critical BV, -1 for none.
         log_prob_policy: Natural log of the probability of its action under the policy.
+        road: Constants.
         s: `p` and `unseen` hold the probabilities of its actions.
         decisions: Where it goes.
     """
@@ -114,6 +124,7 @@ def record_choice(w: World, bv: int, log_prob_policy: float, s: ChoiceScratch, d
     decisions.shortfall[step] = 0.0
     decisions.excess[step] = 0.0
     decisions.log_prob_policy[step] = log_prob_policy
+    decisions.hidden[step] = 0
     for i in range(w.state[0].n_vehicles):
         decisions.action[step, i] = w.vehicles[i].action
     if bv < 0:
@@ -124,3 +135,8 @@ def record_choice(w: World, bv: int, log_prob_policy: float, s: ChoiceScratch, d
     p = s.unseen[action]
     decisions.shortfall[step] = price_from(s.unseen, False) - log(p) if p > 0.0 else math.inf
     decisions.excess[step] = price_from(s.unseen, True) - log(p) if p > 0.0 else math.inf
+    if w.state[0].hidden == bv:
+        decisions.hidden[step] = 1
+        decisions.log_prob[step] += log(road.perception.dropout)
+        decisions.shortfall[step] += losses_price(road) / UNITS_PER_NAT
+        decisions.excess[step] += losses_price(road) / UNITS_PER_NAT

@@ -55,11 +55,14 @@ class Batch(NamedTuple):
     views: NDArray[Any]
 
 
-def allocate_batch(n_worlds: int, slots: int, views: NDArray[Any] | None = None) -> Batch:
-    """A batch of idle worlds; `views` is where what AVs see is written, None: float32 (B, 13, 8)."""
+def allocate_batch(n_worlds: int, slots: int, views: NDArray[Any] | None = None, late: int = 0) -> Batch:
+    """A batch of idle worlds; `views` is where what AVs see is written, None: float32 (B, 13, 8).
+
+    `late`: how late the AV sees, in tenths of a second.
+    """
     if views is None:
         views = np.zeros((n_worlds, VIEW_ROWS, VIEW_COLUMNS), dtype=np.float32)
-    return Batch(allocate_worlds(n_worlds, slots), views)
+    return Batch(allocate_worlds(n_worlds, slots, late), views)
 
 
 def running(batch: Batch) -> NDArray[np.int64]:
@@ -100,7 +103,7 @@ def see(batch: Batch, setting: Setting, s: Scratch) -> None:
     for b in range(batch.views.shape[0]):
         w = world_row(batch.worlds, b)
         if w.state[0].outcome == RUNNING:
-            show_to_av(w, setting.road, s.av.found, batch.views[b])
+            show_to_av(w, setting.road, s.av, batch.views[b])
         else:
             batch.views[b] = 0.0
 

@@ -19,6 +19,7 @@ from cornerforge.sim.adversaries import choose_action
 from cornerforge.sim.av_kinds import built_in_av_decides
 from cornerforge.sim.chances import action_probabilities, remember_action
 from cornerforge.sim.controllers import (
+    HIDDEN,
     LIKELIEST,
     NOBODY,
     POLICY,
@@ -34,6 +35,7 @@ from cornerforge.sim.keep import record_choice
 from cornerforge.sim.neighbours import nearest_bv, sort_by_x
 from cornerforge.sim.observe import allowed_actions, observe, spend_budget
 from cornerforge.sim.outcome import RUNNING
+from cornerforge.sim.perception import lose_controlled, remember, show_as_is, show_as_seen
 from cornerforge.sim.rails import name_actions
 from cornerforge.sim.statistics import count_av, count_choices, count_states, count_travel
 from cornerforge.sim.step import av_acts, begin_to_act, move_on
@@ -142,6 +144,9 @@ def _follow_script(w: World, av_lane: int, setting: Setting, s: ChoiceScratch, c
         if v[i].present == 0:
             continue
         action: int = setting.who.script[step, i]
+        if action >= HIDDEN:
+            w.state[0].hidden = i
+            action -= HIDDEN
         if recorded or action == NO_ACTION:
             likeliest = _likeliest(w, i, av_lane, setting, s)
             if action == NO_ACTION:
@@ -178,6 +183,15 @@ def _drives_as_natural(w: World, substep: int, setting: Setting, s: Scratch) -> 
     return 0.0, v[0].target_lane + ACTION_SIDES[action]
 
 
+@shared_kernel
+def _decides_by_what_it_sees(w: World, substep: int, setting: Setting, s: Scratch) -> tuple[float, int]:
+    """Let a built-in AV decide in the world that it perceives, and keep what it notes there."""
+    show_as_seen(w, substep, setting.road, s.av)
+    command, lane = built_in_av_decides(w, substep, setting.road, setting.av, s.av)
+    show_as_is(w, setting.road, s.av)
+    return command, lane
+
+
 @inlined_kernel
 def _av_decides(w: World, substep: int, setting: Setting, s: Scratch) -> tuple[float, int]:
     """Ask the AV's controller what the AV does from now on: acceleration [m/s2] and target lane."""
@@ -189,6 +203,8 @@ def _av_decides(w: World, substep: int, setting: Setting, s: Scratch) -> tuple[f
         return w.vehicles[0].acceleration, w.vehicles[0].target_lane
     if setting.who.av == LIKELIEST:
         return _drives_as_natural(w, substep, setting, s)
+    if setting.road.perception.on:
+        return _decides_by_what_it_sees(w, substep, setting, s)
     return built_in_av_decides(w, substep, setting.road, setting.av, s.av)
 
 
@@ -234,6 +250,7 @@ def _adversary_acts(w: World, bv: int, setting: Setting, s: Scratch) -> tuple[in
         action, log_prob_policy = choose_action(w, bv, who.critical, 0.0, who.temperature, policy, c)
     state.controlled = bv
     spend_budget(w, bv, action, setting.road, setting.tables, c.starters, c.p)
+    lose_controlled(w, bv, setting.road)
     return action, log_prob_policy
 
 
@@ -285,6 +302,7 @@ def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scra
     action = NO_ACTION
     log_prob_policy = 0.0
     state.controlled = NO_VEHICLE
+    state.hidden = NO_VEHICLE
     if who.others == SCRIPTED:  # first: what follows leaves in the scratch what `record_choice` reads
         sort_by_x(w)
         _follow_script(w, lane, setting, s.choice, keep.chances)
@@ -303,7 +321,7 @@ def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scra
     else:
         decide_bvs(w, action, lane, setting, s)
     if recorded:
-        record_choice(w, bv, log_prob_policy, s.choice, keep.decisions)
+        record_choice(w, bv, log_prob_policy, setting.road, s.choice, keep.decisions)
     is_looked_at = keep.recording.shape[0] > SUBSTEPS * step or is_outside(who) or who.others >= SCRIPTED
     begin_to_act(w, command, lane, is_looked_at, setting, s)
 
@@ -338,6 +356,8 @@ def linked_advance(w: World, setting: Setting, s: Scratch, keep: Keep, until: in
         if state.substep == 0 and state.decisions >= until:
             return MILESTONE
         for substep in range(state.substep, SUBSTEPS):
+            if road.perception.late > 0:
+                remember(w, substep)
             if substep % road.av_substeps == 0:
                 must = _who_must_answer(w, substep, setting)
                 if must != _NOBODY_MUST:

@@ -52,7 +52,7 @@ class Recording:
         self._setting = setting
         self._odd = odd
         slots = n_slots(odd)
-        self._worlds = allocate_worlds(1, slots)
+        self._worlds = allocate_worlds(1, slots, setting.road.perception.late)
         self._world = world_of(self._worlds)
         self._scratch = allocate_scratch(slots, setting.who.policy)
         self._keep = keep_whole_test(setting, slots)
@@ -99,6 +99,7 @@ class Recording:
             crash=crash,
             shortfall=decisions.shortfall[:decided].copy(),
             excess=decisions.excess[:decided].copy(),
+            hidden=sum(1 << k for k in np.flatnonzero(decisions.hidden[:decided]).tolist()),
             **{body.name: self._world.vehicles[body.name][:n].astype(body.recorded) for body in BODY},
             **columns,
         )

@@ -133,7 +133,10 @@ def drive_chunk(
     """
     out, counts = allocate_outcomes(count), allocate_counts()
     scratch = allocate_scratch(slots, setting.who.policy)
-    world, keep = world_of(allocate_worlds(1, slots)), keep_nothing(slots, counts=counts, census=census_of(counting))
+    world, keep = (
+        world_of(allocate_worlds(1, slots, setting.road.perception.late)),
+        keep_nothing(slots, counts=counts, census=census_of(counting)),
+    )
     with naming_tests(world):
         drive_range(seed, first, setting, world, scratch, keep, out)
     warn_of_left_out(scratch)
@@ -148,7 +151,10 @@ def drive_chunk_by_window(
     `census`: which BVs are counted; its times are not used. `windows`: what is kept is added to it.
     """
     out = allocate_outcomes(count)
-    world, scratch = world_of(allocate_worlds(1, slots)), allocate_scratch(slots, setting.who.policy)
+    world, scratch = (
+        world_of(allocate_worlds(1, slots, setting.road.perception.late)),
+        allocate_scratch(slots, setting.who.policy),
+    )
     with naming_tests(world):
         drive_windows(seed, first, setting, world, scratch, keep_nothing(slots, census=census), windows, out)
     return out

@@ -14,16 +14,21 @@ from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS
 from cornerforge.sim.chances import MAX_SETS, MAX_STARTERS, StarterScratch, allocate_starter_scratch
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.steering import Steering, allocate_steering
+from cornerforge.sim.world import VEHICLE
 from cornerforge.types import MAX_LANES, N_ACTIONS
 
-__all__ = ["AvScratch", "ChoiceScratch", "Scratch", "allocate_scratch", "warn_of_left_out"]
+__all__ = ["AvScratch", "ChoiceScratch", "Scratch", "allocate_av_scratch", "allocate_scratch", "warn_of_left_out"]
 
 _N_NEAREST = 4
 _LAYER_ROWS = 4
 
 
 class AvScratch(NamedTuple):
-    """Scratch for one decision of an AV: slots it sees, view, features; a learned AV's mask, layers and Q."""
+    """Scratch for one decision of an AV: slots it sees, view, features; a learned AV's mask, layers and Q.
+
+    `vehicles`, `is_seen`: the vehicles as they are, and which the AV sees, while the world is as it perceives it
+    (`perception.show_as_seen`).
+    """
 
     found: NDArray[np.int64]
     seen: NDArray[np.float32]
@@ -31,6 +36,8 @@ class AvScratch(NamedTuple):
     allowed: NDArray[np.bool_]
     layers: NDArray[np.float32]
     q: NDArray[np.float32]
+    vehicles: NDArray[np.void]
+    is_seen: NDArray[np.bool_]
 
 
 class ChoiceScratch(NamedTuple):
@@ -72,6 +79,20 @@ class Scratch(NamedTuple):
     choice: ChoiceScratch
 
 
+def allocate_av_scratch(slots: int) -> AvScratch:
+    """Allocate scratch for an AV in worlds of `slots` slots."""
+    return AvScratch(
+        found=np.zeros(max(slots, VIEW_ROWS - 1), dtype=np.int64),
+        seen=np.zeros((VIEW_ROWS, VIEW_COLUMNS), dtype=np.float32),
+        features=np.zeros(N_AV_FEATURES, dtype=np.float32),
+        allowed=np.zeros(N_ACTIONS, dtype=np.bool_),
+        layers=np.zeros((_LAYER_ROWS, LEARNED_WIDTH), dtype=np.float32),
+        q=np.zeros(N_ACTIONS, dtype=np.float32),
+        vehicles=np.zeros(slots, dtype=VEHICLE),
+        is_seen=np.zeros(slots, dtype=np.bool_),
+    )
+
+
 def allocate_scratch(slots: int, policy: PolicyNumbers) -> Scratch:
     """Allocate scratch for worlds of `slots` slots and for a policy (`drivers.policy.NO_POLICY` where none drives)."""
     widest = max(policy.width, policy.n_inputs, N_ACTIONS)
@@ -84,14 +105,7 @@ def allocate_scratch(slots: int, policy: PolicyNumbers) -> Scratch:
         is_watched=np.zeros(slots, dtype=np.int64),
         ahead=np.zeros(MAX_LANES),
         behind=np.zeros(MAX_LANES),
-        av=AvScratch(
-            found=np.zeros(max(slots, VIEW_ROWS - 1), dtype=np.int64),
-            seen=np.zeros((VIEW_ROWS, VIEW_COLUMNS), dtype=np.float32),
-            features=np.zeros(N_AV_FEATURES, dtype=np.float32),
-            allowed=np.zeros(N_ACTIONS, dtype=np.bool_),
-            layers=np.zeros((_LAYER_ROWS, LEARNED_WIDTH), dtype=np.float32),
-            q=np.zeros(N_ACTIONS, dtype=np.float32),
-        ),
+        av=allocate_av_scratch(slots),
         choice=ChoiceScratch(
             observation=np.zeros(N_OBSERVATION, dtype=np.float32),
             allowed=np.zeros(N_ACTIONS, dtype=np.bool_),

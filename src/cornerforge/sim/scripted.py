@@ -8,7 +8,7 @@ crash again, bit for bit. Instead of actions the others may have rails (`rails`)
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -18,10 +18,11 @@ from cornerforge._jit import kernel
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.fields import POSE
 from cornerforge.sim import lockstep
-from cornerforge.sim.controllers import LIKELIEST, NOBODY, RAILS, RECORDED, SCRIPTED, STEERED
+from cornerforge.sim.controllers import HIDDEN, LIKELIEST, NOBODY, RAILS, RECORDED, SCRIPTED, STEERED
 from cornerforge.sim.keep import Keep, keep_nothing
 from cornerforge.sim.loop import AV_MUST_ANSWER, MILESTONE, advance
 from cornerforge.sim.outcome import AV_CRASH, RUNNING
+from cornerforge.sim.perception import begin_to_remember
 from cornerforge.sim.rails import NO_RAILS, Rails, put_on_rails, rails_of, set_speed_of
 from cornerforge.sim.recorder import Recording
 from cornerforge.sim.scratch import warn_of_left_out
@@ -97,6 +98,8 @@ class Script:
             their actions. The AV's own, column 0, are read only where it drives as recorded. On rails `action` says
             only how long the script is, and `desired_speed` of the AV's start, if it is above 0, at which speed the AV
             is set to drive [m/s].
+        hidden: Slot that the AV loses in the second of each decision (`Scenario.hidden_slots`), -1 for none, int16
+            (H,); in later ones it loses none so.
     """
 
     slot: NDArray[np.int16]
@@ -105,6 +108,7 @@ class Script:
     seed: int = 0
     test: int = 0
     poses: NDArray[np.float64] | None = None
+    hidden: NDArray[np.int16] = field(default_factory=lambda: np.empty(0, dtype=np.int16))
 
     def __post_init__(self) -> None:
         n = self.slot.size
@@ -188,6 +192,14 @@ def scripted_start(fields: NDArray[np.float64]) -> NDArray[np.void]:
     return start
 
 
+def _with_losses(script: Script) -> NDArray[np.int8]:
+    """Make the actions of a script as kernels take them (`Controllers.script`)."""
+    action = np.array(script.action, order="C")
+    for second, name in enumerate(script.hidden[: len(action)].tolist()):
+        action[second, script.slot == name] += HIDDEN
+    return action
+
+
 def _sizes(script: Script) -> list[tuple[float, float]]:
     """Length and width of each vehicle [m]."""
     sizes: list[tuple[float, float]] = script.start[["length", "width"]].tolist()
@@ -209,21 +221,25 @@ def _fit(setting: Setting, sizes: Sequence[tuple[float, float]]) -> Setting:
 
 
 @kernel
-def _put(w: World, start: NDArray[np.void]) -> None:
-    """Put a world at a start."""
-    clear_world(w, 0, 0, 0)
+def _put(w: World, script: tuple[int, int], start: NDArray[np.void], road: RoadNumbers) -> None:
+    """Put a world at a start; `script`: seed and number of the test, which what the AV perceives is drawn of."""
+    clear_world(w, script[0], script[1], 0)
     for i in range(start.size):
         w.vehicles[i] = start[i]
         w.order[i] = i
     w.state[0].n_vehicles = start.size
     all_current(w)
+    if road.perception.late > 0:
+        begin_to_remember(w, road)
 
 
 @kernel
-def _put_on_rails(w: World, rails: Rails, road: RoadNumbers) -> None:
-    """Put a world at the start of a script on rails."""
-    clear_world(w, 0, 0, 0)
+def _put_on_rails(w: World, seed: int, rails: Rails, road: RoadNumbers) -> None:
+    """Put a world at the start of a script on rails, the first test of a seed there."""
+    clear_world(w, seed, rails.first, 0)
     put_on_rails(w, rails, road)
+    if road.perception.late > 0:
+        begin_to_remember(w, road)
 
 
 @kernel
@@ -302,12 +318,12 @@ class ScriptDriver(Recording):
             raise InputError(
                 "The script does not say what the AV did, so it cannot drive as recorded; name another AV."
             )
-        rails = NO_RAILS if script.poses is None else rails_of(script.start[None], script.poses[None])
+        rails = NO_RAILS if script.poses is None else rails_of(script.start[None], script.poses[None], script.test)
         drivers = self._setting.with_drivers(
             av=LIKELIEST if av_is_natural else av,
             critical=NOBODY,
             others=SCRIPTED if script.poses is None else RAILS,
-            script=np.ascontiguousarray(script.action),
+            script=_with_losses(script),
             rails=rails,
         )
         if script.poses is not None:
@@ -315,9 +331,9 @@ class ScriptDriver(Recording):
             if (speed := set_speed_of(script.start)) is not None:
                 drivers = drivers.with_set_speed(speed)
         if script.poses is None:
-            _put(self._world, script.start)
+            _put(self._world, (script.seed, script.test), script.start, drivers.road)
         else:
-            _put_on_rails(self._world, rails, drivers.road)
+            _put_on_rails(self._world, script.seed, rails, drivers.road)
         if self._av is None or av_is_natural:
             _go_on(self._world, drivers, self._scratch, keep)
         else:
@@ -400,5 +416,10 @@ class ScriptDriver(Recording):
         start = scripted_start(np.stack([states[name] for name in START_FIELDS], axis=1)[there].astype(np.float64))
         poses = None if script.poses is None else script.poses[SUBSTEPS * decisions :, there]
         return replace(
-            script, slot=script.slot[there], start=start, action=script.action[decisions:, there], poses=poses
+            script,
+            slot=script.slot[there],
+            start=start,
+            action=script.action[decisions:, there],
+            poses=poses,
+            hidden=script.hidden[decisions:],
         )

@@ -18,10 +18,11 @@ from cornerforge.errors import FileFormatError, InputError
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.world import MAX_BRANCH, VEHICLE, World, allocate_worlds, n_slots, world_of
 from cornerforge.sim.world_values import world_fault
+from cornerforge.types import SUBSTEPS
 
 __all__ = ["branch_of", "copy_of", "packed", "unpacked"]
 
-SNAPSHOT_SCHEMA = 3
+SNAPSHOT_SCHEMA = 4
 _MAGIC = b"cornerforge world\n"
 _DIGEST_BYTES = 32
 
@@ -75,8 +76,13 @@ def unpacked(content: bytes, setting: Setting | None = None) -> World:
     world = _allocated(head, len(rest))
     place = 0
     for array in world:
-        array[...] = np.frombuffer(rest, dtype=array.dtype, count=array.size, offset=place)
+        array[...] = np.frombuffer(rest, dtype=array.dtype, count=array.size, offset=place).reshape(array.shape)
         place += array.nbytes
+    late = 0 if setting is None else int(setting.road.perception.late)
+    if setting is not None and world.seen.size != world.vehicles.size * (late + 2 if late else 1):
+        raise InputError(
+            "The AV of this stored world sees later, or earlier, than the setting's; drive it on as it was."
+        )
     if setting is not None and world.vehicles.size != n_slots(setting.road):
         raise InputError(
             f"This stored world has {world.vehicles.size} vehicle slots, the setting's road of {setting.road.n_lanes} "
@@ -115,10 +121,11 @@ def _allocated(head: bytes, size: int) -> World:
         )
     try:
         slots = int(header["arrays"]["vehicles"]["shape"][0])
-    except (LookupError, TypeError, ValueError, OverflowError):
-        slots = 0
-    if 0 < slots <= size // VEHICLE.itemsize:
-        world = world_of(allocate_worlds(1, slots))
+        parts = int(header["arrays"]["seen"]["shape"][0]) // slots
+    except (LookupError, TypeError, ValueError, OverflowError, ZeroDivisionError):
+        slots = parts = 0
+    if 0 < slots <= size // VEHICLE.itemsize and 1 <= parts <= SUBSTEPS + 2:
+        world = world_of(allocate_worlds(1, slots, max(0, parts - 2)))
         if header["arrays"] == _layout(world) and sum(array.nbytes for array in world) == size:
             return world
     raise FileFormatError(

@@ -224,7 +224,7 @@ def begin_to_act(w: World, command: float, lane: int, everybody: bool, setting: 
     else:
         bound_motion(w, braking, acceleration, s)
         find_pairs(w, road, s)
-    choose_current(w, s, everybody or av.sees_everybody != 0, road)
+    choose_current(w, s, everybody or av.sees_everybody != 0 or road.perception.on, road)
     w.state[0].decisions += 1
 
 

@@ -19,6 +19,7 @@ from cornerforge.road.lanes import EXITS, URGENT_TIME, has_lane, must_leave_by, 
 from cornerforge.road.straight import half_lengths, lane_centre, part_right, truck_share_in
 from cornerforge.sim.controllers import NOBODY, RAILS, critical_of
 from cornerforge.sim.outcome import RUNNING, UNDRAWN
+from cornerforge.sim.perception import begin_to_remember
 from cornerforge.sim.rails import put_on_rails
 from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, all_current
 from cornerforge.types import CAR, CLASSES, MOTORCYCLE, QUEUE_FROM, QUEUE_TO, TRUCK
@@ -395,6 +396,7 @@ def clear_world(w: World, seed: int, test: int, branch: int) -> None:
     state.n_pairs = 0
     state.bv_has_answered = 0
     state.bv_action = NO_ACTION
+    state.hidden = NO_VEHICLE
     state.travel = 0.0
     av = w.av[0]
     av.has_answered = 0
@@ -431,6 +433,8 @@ def linked_reset_world(w: World, seed: int, test: int, setting: Setting) -> None
     clear_world(w, seed, test, 0)
     if setting.who.others == RAILS:
         put_on_rails(w, setting.who.rails, road)
+        if road.perception.late > 0:
+            begin_to_remember(w, road)
         return
     state = w.state[0]
     mask = critical_of(seed, test, setting.who)[1]
@@ -465,6 +469,8 @@ def linked_reset_world(w: World, seed: int, test: int, setting: Setting) -> None
     for i in range(state.n_vehicles):
         w.order[i] = i
     all_current(w)
+    if road.perception.late > 0:
+        begin_to_remember(w, road)
 
 
 @shared_kernel

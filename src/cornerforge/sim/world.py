@@ -105,6 +105,7 @@ STATE = _record(
     ("n_pairs", "i8", "how many pairs are in use"),
     ("bv_has_answered", "i8", "1 once a program outside has answered for the critical BV"),
     ("bv_action", "i8", "that answer"),
+    ("hidden", "i8", "slot of the BV that an adversary makes the AV lose in this second; NO_VEHICLE for none"),
     ("travel", "f8", "distance that the counted BVs drove [m]"),
 )
 """What a world is besides its vehicles."""
@@ -141,7 +142,8 @@ class World(NamedTuple):
             AV comes first; the first `state.n_seen` may be looked at; slots rise within both parts.
         pair_a, pair_b: Slots of the pairs that can touch within the running second, int16 (N (N - 1) / 2,), room for
             all pairs; the first `state.n_pairs` entries; a < b.
-        seen: Each BV's state at the last decision time, for counting, (N,) of SEEN.
+        seen: Each BV's state at the last decision time, for counting, N of SEEN. For an AV that sees late K times N
+            more follow: where all were in the last K tenths of a second, tenth t in part t mod K.
     """
 
     vehicles: NDArray[np.void]
@@ -165,9 +167,16 @@ SEEN = _record(
     ("speed", "f8", "along it [m/s]"),
     ("lateral_speed", "f8", "across it [m/s]"),
     ("lanes", "i8", "as `VEHICLE` has them"),
-    ("as_what", "i8", "whether it is counted as following, as free, or not at all"),
+    (
+        "as_what",
+        "i8",
+        "whether it is counted as following, as free, or not at all; of the past: whether it changes lanes",
+    ),
+    ("heading", "f8", "[rad]; of the past only, as the rest"),
+    ("acceleration", "f8", "along the road [m/s2]"),
+    ("target_lane", "i8", "lane kept or changed to"),
 )
-"""A vehicle at the last decision time, for `statistics.count_choices`."""
+"""A vehicle at the last decision time, for `statistics.count_choices`, or some tenths of a second ago."""
 
 
 def n_slots(road: Odd | RoadNumbers) -> int:
@@ -175,8 +184,11 @@ def n_slots(road: Odd | RoadNumbers) -> int:
     return 1 + road.n_lanes * int(np.ceil(road.traffic_length / road.spacing))
 
 
-def allocate_worlds(n_worlds: int, slots: int) -> World:
-    """Allocate a batch of idle worlds: arrays with a leading axis of `n_worlds`, `slots` vehicles each, all cars."""
+def allocate_worlds(n_worlds: int, slots: int, late: int = 0) -> World:
+    """Allocate a batch of idle worlds: arrays with a leading axis of `n_worlds`, `slots` vehicles each, all cars.
+
+    `late`: how late the AV sees, in tenths of a second.
+    """
     worlds = World(
         vehicles=np.zeros((n_worlds, slots), dtype=VEHICLE),
         state=np.zeros((n_worlds, 1), dtype=STATE),
@@ -186,7 +198,7 @@ def allocate_worlds(n_worlds: int, slots: int) -> World:
         current=np.zeros((n_worlds, slots), dtype=np.int64),
         pair_a=np.zeros((n_worlds, slots * (slots - 1) // 2), dtype=np.int16),
         pair_b=np.zeros((n_worlds, slots * (slots - 1) // 2), dtype=np.int16),
-        seen=np.zeros((n_worlds, slots), dtype=SEEN),
+        seen=np.zeros((n_worlds, slots * (late + 2 if late else 1)), dtype=SEEN),
     )
     worlds.state["outcome"] = IDLE
     worlds.vehicles["length"], worlds.vehicles["width"] = CLASSES[CAR].length, CLASSES[CAR].width

@@ -54,10 +54,10 @@ def world_fault(world: World, n_lanes: int = MAX_LANES) -> str | None:
     slots, pairs = world.vehicles.size, world.pair_a.size
     slot, no_slot = (0, slots - 1), (NO_VEHICLE, slots - 1)
     within = _WITHIN | {
-        **dict.fromkeys(("vehicles.target_lane", "av.lane"), (0, n_lanes - 1)),
+        **dict.fromkeys(("vehicles.target_lane", "av.lane", "seen.target_lane"), (0, n_lanes - 1)),
         **dict.fromkeys(("vehicles.lanes", "seen.lanes"), (0, 2**n_lanes - 1)),
         **{f"state.{name}": (0, slots) for name in ("n_vehicles", "n_current", "n_seen")},
-        **{f"state.{name}": no_slot for name in ("controlled", "slot_a", "slot_b")},
+        **{f"state.{name}": no_slot for name in ("controlled", "slot_a", "slot_b", "hidden")},
         "state.n_pairs": (0, pairs),
         "order": slot,
         "current": slot,

@@ -65,6 +65,11 @@ def shrink(options: Shrink) -> ShrunkLibrary:
     place = _place(Path(options.library), ids) if options.out is None else Path(options.out)
     claim_folder(place)
     run = experiment_of(source, options)
+    if run.odd.perception is not None and run.odd.perception.is_random:
+        raise InputError(
+            f"What the AV of {source.path} perceives is drawn for each second and vehicle "
+            f"({run.odd.perception.in_words()}): a case with fewer of them would be another one, so none is shrunk."
+        )
     _check_same(source.scenario(ids[0]), driver_of_cases(run))  # a case that does not replay fails before out is made
     shrunk = _open(source, run, place, resume=options.resume)
     left = _left(shrunk, ids)

@@ -62,7 +62,8 @@ class StoredScripts:
                 )
             action = np.full((len(case.action), start.size), scripted.NATURAL, dtype=np.int8)
             action[:, case.slot] = case.action
-            script = Script(np.arange(start.size, dtype=np.int16), start, action, case.seed, case.test)
+            slots = np.arange(start.size, dtype=np.int16)
+            script = Script(slots, start, action, case.seed, case.test, hidden=case.hidden_slots)
         decisions = len(script.action) + _AFTER_S if script.poses is None else (len(script.poses) - 1) // SUBSTEPS
         decisions = min(decisions, self._starts.max_decisions)
         action = np.full((decisions, script.slot.size), scripted.NATURAL, dtype=np.int8)

@@ -104,10 +104,10 @@ class BvAgents(NamedTuple):
     reward: NDArray[np.float64]
 
 
-def allocate_bv_agents(n_worlds: int, slots: int) -> BvAgents:
-    """Allocate `n_worlds` idle worlds of `slots` vehicle slots."""
+def allocate_bv_agents(n_worlds: int, slots: int, late: int = 0) -> BvAgents:
+    """Allocate `n_worlds` idle worlds of `slots` vehicle slots, of an AV that sees so late [0.1 s]."""
     return BvAgents(
-        allocate_worlds(n_worlds, slots),
+        allocate_worlds(n_worlds, slots, late),
         np.zeros(n_worlds, dtype=np.bool_),
         np.zeros(n_worlds, dtype=np.int64),
         np.zeros(n_worlds, dtype=np.int64),
@@ -212,10 +212,10 @@ class AvAgents(NamedTuple):
     metres: NDArray[np.float64]
 
 
-def allocate_av_agents(n_worlds: int, slots: int) -> AvAgents:
-    """Allocate `n_worlds` idle worlds of `slots` vehicle slots."""
+def allocate_av_agents(n_worlds: int, slots: int, late: int = 0) -> AvAgents:
+    """Allocate `n_worlds` idle worlds of `slots` vehicle slots, of an AV that sees so late [0.1 s]."""
     return AvAgents(
-        allocate_worlds(n_worlds, slots),
+        allocate_worlds(n_worlds, slots, late),
         np.zeros(n_worlds, dtype=np.bool_),
         np.zeros(n_worlds, dtype=np.int64),
         np.zeros(n_worlds, dtype=np.int64),
@@ -234,7 +234,7 @@ def start_as_av(begin: int, end: int, setting: Setting, agents: AvAgents, s: Scr
         if agents.chosen[b]:
             w = world_row(agents.worlds, b)
             reset_world(w, agents.seeds[b], agents.tests[b], setting)
-            av_scene.show_to_av(w, setting.road, s.av.found, agents.seen[b])
+            av_scene.show_to_av(w, setting.road, s.av, agents.seen[b])
 
 
 @kernel
@@ -257,4 +257,4 @@ def drive_on_as_av(begin: int, end: int, setting: Setting, agents: AvAgents, s: 
         advance(w, setting, s, keep, NEVER)
         agents.outcome[b] = w.state[0].outcome
         agents.metres[b] = driven(w.vehicles, 0, setting.road) - before
-        av_scene.show_to_av(w, setting.road, s.av.found, agents.seen[b])
+        av_scene.show_to_av(w, setting.road, s.av, agents.seen[b])

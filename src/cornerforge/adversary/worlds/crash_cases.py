@@ -92,7 +92,10 @@ class CrashCases:
 
     def __init__(self, setting: Setting, slots: int, verdict: Verdict) -> None:
         self._setting, self._verdict = setting, verdict
-        self._room = _Room(world_of(allocate_worlds(1, slots)), allocate_scratch(slots, setting.who.policy))
+        self._room = _Room(
+            world_of(allocate_worlds(1, slots, setting.road.perception.late)),
+            allocate_scratch(slots, setting.who.policy),
+        )
         self._keep = keep_whole_test(setting, slots)
         self._harvest = harvest.allocate_harvest(_ROOM, slots, setting.road.max_decisions)
         self._kept = np.zeros(self._harvest.rows.size, dtype=np.int64)

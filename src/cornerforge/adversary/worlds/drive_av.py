@@ -26,6 +26,7 @@ from cornerforge.sim import (
     controllers,
     neighbours,
     outcome,
+    perception,
     reset_world,
     world_row,
 )
@@ -129,10 +130,10 @@ class AvActors(NamedTuple):
     finished: NDArray[np.void]
 
 
-def allocate_av_actors(n_worlds: int, slots: int, n_inputs: int, hostile: NDArray[np.void]) -> AvActors:
-    """Allocate `n_worlds` idle worlds for features of `n_inputs` entries."""
+def allocate_av_actors(n_worlds: int, slots: int, n_inputs: int, hostile: NDArray[np.void], late: int = 0) -> AvActors:
+    """Allocate `n_worlds` idle worlds for features of `n_inputs` entries, of an AV that sees so late [0.1 s]."""
     return AvActors(
-        allocate_worlds(n_worlds, slots),
+        allocate_worlds(n_worlds, slots, late),
         hostile,
         np.zeros((n_worlds, n_inputs), dtype=np.float32),
         np.zeros((n_worlds, N_ACTIONS), dtype=np.bool_),
@@ -143,7 +144,9 @@ def allocate_av_actors(n_worlds: int, slots: int, n_inputs: int, hostile: NDArra
 @kernel
 def _look(w: World, setting: Setting, s: Scratch, observation: NDArray[np.float32], allowed: NDArray[np.bool_]) -> None:
     """Fill the AV's observation and mask."""
+    perception.show_as_seen(w, w.state[0].substep, setting.road, s.av)
     av_features.look_as_av(w, setting.road, setting.av.sight, s.av, observation, allowed)
+    perception.show_as_is(w, setting.road, s.av)
 
 
 @inlined_kernel

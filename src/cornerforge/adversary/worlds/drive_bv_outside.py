@@ -74,7 +74,7 @@ def look(
     views[:] = 0.0
     for k in range(seats.size):
         w = world_row(worlds, rows[seats[k]])
-        av_scene.show_to_av(w, setting.road, s.av.found, views[seats[k]])
+        av_scene.show_to_av(w, setting.road, s.av, views[seats[k]])
 
 
 @kernel

@@ -54,7 +54,10 @@ def _driven(run: Experiment, odd: Odd, seed: int, seconds: range) -> Iterator[tu
     """Drive natural traffic and show it at some seconds; with the number of the block that a test belongs to."""
     moved = on_road(run, odd)
     setting = moved.setting._replace(tables=tables_of(run.model, stops=True, traffic=odd.traffic))
-    world, scratch = world_of(allocate_worlds(1, moved.slots)), allocate_scratch(moved.slots, NO_POLICY)
+    world, scratch = (
+        world_of(allocate_worlds(1, moved.slots, setting.road.perception.late)),
+        allocate_scratch(moved.slots, NO_POLICY),
+    )
     for test in range(_BLOCKS * _TESTS):
         reset_world(world, seed, test, setting)
         for second in seconds:

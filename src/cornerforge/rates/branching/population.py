@@ -196,12 +196,15 @@ class Population(NamedTuple):
     training: TrainingData
 
 
-def allocate_pool(depth: int, slots: int, decisions: int, places: int = 1) -> Pool:
-    """Allocate room for `places` trees of `depth` particles each, of `slots` vehicles; memory is taken on use."""
+def allocate_pool(depth: int, slots: int, decisions: int, places: int = 1, late: int = 0) -> Pool:
+    """Allocate room for `places` trees of `depth` particles each, of `slots` vehicles; memory is taken on use.
+
+    `late`: how late the AV sees, in tenths of a second.
+    """
     rows = places * depth
     return Pool(
         depth=depth,
-        worlds=allocate_worlds(rows, slots),
+        worlds=allocate_worlds(rows, slots, late),
         weight=np.zeros(rows),
         ratio=np.zeros((rows, MOST_PROPOSALS)),
         proposal=np.zeros(rows, dtype=np.int64),

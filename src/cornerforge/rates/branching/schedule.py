@@ -104,7 +104,7 @@ def look(rows: NDArray[np.int64], seats: NDArray[np.int64], population: Populati
     """Write what the AV of each row sees into views[seat]."""
     for k in range(rows.size):
         w = world_row(population.pool.worlds, rows[k])
-        av_scene.show_to_av(w, population.setting.road, population.scratch.av.found, views[seats[k]])
+        av_scene.show_to_av(w, population.setting.road, population.scratch.av, views[seats[k]])
 
 
 @kernel
