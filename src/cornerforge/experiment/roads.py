@@ -71,9 +71,9 @@ def odd_on(odd: Odd, road: Road, task: str = "through") -> Odd:
 
 
 def road_in_words(odd: Odd) -> str:
-    """Say on which road and in which traffic an ODD's AV drives, and what is not known of them.
+    """Say on which road and in which traffic an ODD's AV drives and what it perceives, and what is not known of them.
 
-    "" for free traffic on the straight road.
+    "" for free traffic on the straight road that is seen perfectly.
 
     >>> road_in_words(Odd())
     ''
@@ -85,6 +85,8 @@ def road_in_words(odd: Odd) -> str:
         told.append("Where lanes end the other drivers merge by a stated law that was not fitted to recordings.")
     if ends or odd.traffic in _TRAFFIC:
         told.append("How often the AV crashes there is less certain than its interval says (docs/roads.md).")
+    if odd.perception is not None:
+        told.append(f"The AV perceives imperfectly: {odd.perception.in_words()} (docs/perception.md).")
     return " ".join(told)
 
 

@@ -17,12 +17,15 @@ from cornerforge.errors import FileFormatError, InputError
 from cornerforge.metrics.risk import lane_ttc, plane_ttc
 from cornerforge.report.surface import surface_of
 from cornerforge.road.straight import along
+from cornerforge.sim import perceived
 from cornerforge.types import ACTIONS, CLASSES, FRAME_S, Scenario
 
-__all__ = ["case_data", "first_shown", "ghost", "load_scenarios"]
+__all__ = ["BEFORE_S", "case_data", "first_shown", "ghost", "load_scenarios", "unseen_s"]
 
 SIGHT_M = 110.0
 """Vehicles are kept while they are this near to the AV along the road [m]; the widest view shows 100 m each way."""
+BEFORE_S = 3.0
+"""What an AV saw this long before a contact [s] is told in words."""
 SHOWN_S = 30.0
 """Longest part of a test that is kept, counted back from its end [s]."""
 
@@ -64,7 +67,8 @@ def case_data(
     `critical`, `action` and `p_nde` have one entry a decision (every 10 frames from the test's start, frame 0); `ttc`
     and `ttcPlane` one a shown frame, null for infinite. `first` is the index of the first frame shown. `wayOut` is like
     a vehicle: the AV on a way out, up to the last frame shown; null without a way out. `surface` holds the areas and
-    lines of `report.surface`, as lists, null for infinite; it is absent on a road of `lanes` that all go on.
+    lines of `report.surface`, as lists, null for infinite; it is absent on a road of `lanes` that all go on. Where the
+    AV's perception is not perfect, `seenX` and `seenY` of a vehicle say where the AV saw it, null where it did not.
 
     Args:
         case_id: Name of the case, `seed:test`.
@@ -82,6 +86,7 @@ def case_data(
     near = _near(scenario, first, told)
     columns = [int(c) for c in np.flatnonzero(near.any(axis=0))]
     position = {column: i for i, column in enumerate(columns)}
+    seen = None if scenario.odd.perception is None else perceived(scenario)
     return {
         "id": case_id,
         "dt": FRAME_S,
@@ -91,7 +96,7 @@ def case_data(
         "laneWidth": scenario.odd.lane_width,
         **_surface(scenario),
         "maxSpeed": scenario.odd.max_speed,
-        "vehicles": [_vehicle(scenario, column, near[:, column], first) for column in columns],
+        "vehicles": [_vehicle(scenario, column, near[:, column], first, seen) for column in columns],
         "wayOut": None if way_out is None else ghost(scenario, way_out, first),
         "critical": [position.get(int(c), -1) for c in scenario.critical_bv],
         "action": [_action(scenario, k) for k in range(len(scenario.critical_bv))],
@@ -101,6 +106,14 @@ def case_data(
         "ttc": [] if told is None else _rounded(lane_ttc(scenario, told)[first:]),
         "ttcPlane": [] if told is None else _rounded(plane_ttc(scenario, told)[first:]),
     }
+
+
+def unseen_s(scenario: Scenario) -> float:
+    """Say how long of the last `BEFORE_S` before contact the AV did not see its crash partner [s]."""
+    if scenario.odd.perception is None or scenario.partner is None:
+        return 0.0
+    seen = perceived(scenario)[-round(BEFORE_S / FRAME_S) - 1 : -1, scenario.partner, 0]
+    return round(float(np.isnan(seen).sum()) * FRAME_S, 1)
 
 
 def _surface(scenario: Scenario) -> dict[str, Any]:
@@ -133,10 +146,13 @@ def _near(scenario: Scenario, first: int, partner: int | None) -> NDArray[np.boo
     return near
 
 
-def _vehicle(scenario: Scenario, column: int, near: NDArray[np.bool_], first: int) -> dict[str, Any]:
+def _vehicle(
+    scenario: Scenario, column: int, near: NDArray[np.bool_], first: int, seen: NDArray[np.float64] | None
+) -> dict[str, Any]:
     frames = np.flatnonzero(near)
     rows = slice(int(frames[0]), int(frames[-1]) + 1)
     start = scenario.x[0, 0]
+    of_it = None if seen is None or column == 0 else seen[rows, column]
     return {
         "slot": int(scenario.slot[column]),
         "kind": CLASSES[scenario.kind[column]].name,
@@ -148,6 +164,7 @@ def _vehicle(scenario: Scenario, column: int, near: NDArray[np.bool_], first: in
         "v": _rounded(scenario.speed[rows, column]),
         "h": _rounded(scenario.heading[rows, column], 4),
         "lane": scenario.target_lane[rows, column].tolist(),
+        **({} if of_it is None else {"seenX": _rounded(along(start, of_it[:, 0])), "seenY": _rounded(of_it[:, 1])}),
     }
 
 

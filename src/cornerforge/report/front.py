@@ -73,6 +73,7 @@ class Known:
         cases: The natural cases.
         road: How often the AV crashes on the road; None: not known.
         adversary: Whether an adversary made the cases of `analysis`.
+        unseen: In how many crashes the AV had lost sight of the other vehicle, as a sentence; "" for none.
     """
 
     analysis: Analysed
@@ -81,6 +82,7 @@ class Known:
     cases: NaturalCases | None
     road: RoadRate | None
     adversary: bool
+    unseen: str = ""
 
 
 def front_of(known: Known) -> Front:
@@ -107,13 +109,13 @@ def _what(known: Known) -> Answer:
         told.append((known.analysis.own_doing, _made(known)))
     for doing, kind in told:
         if doing.flaws:
-            return Answer(question, f"It {FLAWS[doing.flaws[0].flaw]}", _flaws(doing, kind))
+            return Answer(question, f"It {FLAWS[doing.flaws[0].flaw]}", _flaws(doing, kind) + known.unseen)
     if not told:
         return Answer(question, "Nobody has looked", _most(known))
     n = " and ".join(f"{text.count(sum(doing.conducts.values()))} {kind}" for doing, kind in told)
     wrong = sum(sum(doing.conducts.values()) - doing.conducts.get(NO_CONDUCT, 0) for doing, _ in told)
     some = f" In {text.count(wrong)} of them it did something wrong, too few to name a flaw." if wrong else ""
-    return Answer(question, "No flaw of its own was found", f"in n = {n}.{some} {_most(known)}")
+    return Answer(question, "No flaw of its own was found", f"in n = {n}.{some}{known.unseen} {_most(known)}")
 
 
 def _made(known: Known) -> str:

@@ -21,7 +21,7 @@ from cornerforge.report.artefacts import (
     read_artefacts,
     read_emptiness,
 )
-from cornerforge.report.cases import case_data, load_scenarios
+from cornerforge.report.cases import BEFORE_S, case_data, load_scenarios, unseen_s
 from cornerforge.report.front import Front, Known, Look, front_of, how_often
 from cornerforge.report.judged import (
     FAULT_WORDS,
@@ -45,6 +45,8 @@ from cornerforge.types import Scenario
 
 __all__ = ["charts_of", "known_of", "write_library_report", "write_report"]
 
+_LOOKED_AT = 300
+"""Cases of which the first screen says what the AV saw, at most."""
 CASE_BYTES = 2_800_000
 """Room for trajectories on the page; with plotly's library (4.8 MB) and the map of cases the page stays below 10 MB."""
 
@@ -103,7 +105,23 @@ def known_of(artefacts: Artefacts) -> Known:
         cases = read_natural_cases(place, folder, command)
         if natural.natural is not None and road is not None:
             kinds = on_road(natural.natural, road)
-    return Known(artefacts.analysis, natural, kinds, cases, road, artefacts.summary.generate is not None)
+    unseen = _unseen(artefacts.library if place is None else place, natural=place is not None)
+    return Known(artefacts.analysis, natural, kinds, cases, road, artefacts.summary.generate is not None, unseen)
+
+
+def _unseen(library: Path, *, natural: bool) -> str:
+    """Say in how many crashes the AV had lost sight of the other vehicle shortly before; "" in none."""
+    store = CaseLibrary.open(library)
+    if store.odd.perception is None:
+        return ""
+    ids = store.scalars(["case_id"])["case_id"].to_pylist()[:_LOOKED_AT]
+    looked = [unseen_s(one) > 0.0 for _, one in load_scenarios(library, ids) if one is not None]
+    if not any(looked):
+        return ""
+    return (
+        f" In {text.count(sum(looked))} of n = {text.count(len(looked))} {'natural crashes' if natural else 'crashes'} "
+        f"that were looked at it did not see the other vehicle for some of the last {BEFORE_S:g} s."
+    )
 
 
 def _plotly_script() -> str:
@@ -185,7 +203,9 @@ def _cases(artefacts: Artefacts, look: Look | None) -> tuple[list[dict[str, Any]
             data = case_data(name, scenario, known.way_out if known else None)
             role, kind = shelf.roles[case_id], shelf.crash_type.get(case_id, "")
             data |= {"watchFirst": False} | role | {"type": text.plain(kind), "title": _title(scenario, kind)}
-            data["verdict"] = text.plain(verdict(known)) if known else ""
+            unseen = unseen_s(scenario)
+            blind = f" For {unseen:g} s of the last {BEFORE_S:g} s the AV did not see the other." if unseen else ""
+            data["verdict"] = text.plain(verdict(known) + blind) if known else blind
             if shelf.is_natural:  # no vehicle is controlled
                 data |= {"critical": [], "action": [], "p_nde": []}
             size += len(json.dumps(data, separators=(",", ":")))

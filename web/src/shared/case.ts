@@ -21,6 +21,9 @@ export interface Motion {
 export interface Vehicle extends Motion {
   readonly slot: number;
   readonly kind: Kind;
+  /** Where the AV saw it; null: it did not. Absent where the AV sees all there is. */
+  readonly seenX?: readonly (number | null)[];
+  readonly seenY?: readonly (number | null)[];
 }
 
 /** What happened from frame 0 on, which is `first` frames after the test began. `vehicles[0]` is the AV. */

@@ -1,5 +1,5 @@
 // Draws a moment of a recording from above, to scale. Between two recorded frames the picture is interpolated.
-import type { Case, Motion } from "./case";
+import type { Case, Motion, Vehicle } from "./case";
 import type { Colours } from "./colours";
 import { type Rect, place } from "./labels";
 import { type Box, type Point, boxAt, changesTo, criticalAt, gapAlong, touch } from "./motion";
@@ -12,6 +12,8 @@ export interface Ghost {
   readonly colour: string;
   readonly name: string;
 }
+
+const [UNSEEN, MISPLACED] = [0.3, 0.25]; // how faint what the AV does not see is; what it sees so far off is shown [m]
 
 export interface Look {
   /** Width of the picture [m]. */
@@ -148,6 +150,11 @@ function drawGhost(g: Pen, view: View, box: Box, colour: string): void {
     g.setLineDash([6, 4]);
     g.strokeRect(-length / 2, -width / 2, length, width);
   });
+}
+
+/** Where the AV saw a vehicle: null where it did not, undefined where it sees what there is. */
+function seenAt({ seenX, seenY, ...motion }: Vehicle, frame: number): Box | null | undefined {
+  return seenX && seenY ? boxAt({ ...motion, x: seenX, y: seenY }, frame) : undefined;
 }
 
 /** Where a vehicle was: a line that fades, with a dot each full second. */
@@ -304,18 +311,23 @@ export function drawScene(canvas: HTMLCanvasElement, item: Case, frame: number, 
     if (look.detail) drawTarget(g, view, item, box, isOfPair(i) ? colours.paint : colour(i));
     const outline = i === critical ? colours.ink : i === 0 && look.detail ? colours.paint : null;
     const isBraking = look.detail && brakes(item.vehicles[i]!, frame, item.dt);
+    const seen = seenAt(item.vehicles[i]!, frame);
+    g.globalAlpha = seen === null ? UNSEEN : 1;
     drawVehicle(g, view, box, { fill: colour(i), outline, kind: item.vehicles[i]!.kind, isBraking });
+    g.globalAlpha = 1;
+    if (look.detail && seen && Math.hypot(seen.x - box.x, seen.y - box.y) > MISPLACED) drawGhost(g, view, seen, colours.av);
   }
   const shades = look.detail ? (look.ghosts ?? []).map((ghost) => ({ ...ghost, box: boxAt(ghost.motion, frame) })) : [];
   for (const { box, colour: shade } of shades) if (box) drawGhost(g, view, box, shade);
   if (item.crash !== null && frame >= item.crash && partner) drawContact(g, view, av, partner, colours);
   if (!look.detail) return;
   const isBrief = view.scale <= 5;
+  const saw = (i: number) => (seenAt(item.vehicles[i]!, frame) === null ? ", not seen" : "");
   // The two that meet carry their names on the sides turned away from each other.
   const below = (i: number) => (partner !== null && isOfPair(i) ? (i === 0) === av.y < partner.y : false);
   const named = [0, ...(partner && isSeen(partner) ? [item.partner] : []), ...(isBrief ? [] : others)];
   const names: Name[] = named.map((i) => ({
-    text: nameOf(item, i, boxes[i]!, isBrief), box: boxes[i]!, below: below(i), strong: isOfPair(i), colour: isOfPair(i) ? colour(i) : null,
+    text: nameOf(item, i, boxes[i]!, isBrief) + saw(i), box: boxes[i]!, below: below(i), strong: isOfPair(i), colour: isOfPair(i) ? colour(i) : null,
   }));
   for (const { box, colour: shade, name } of shades) {
     if (box) names.push({ text: name, box, below: !below(0), strong: false, colour: shade });

@@ -11,6 +11,13 @@ from cornerforge.types import TRAFFIC, Odd
 __all__ = ["odd_as_tested"]
 
 
+def _perception(odd: Odd) -> str:
+    """Say what the AV perceives."""
+    if odd.perception is None:
+        return "perfect, but for what the AV's own program leaves out"
+    return f"imperfect, by a stated law: {odd.perception.in_words()}"
+
+
 def odd_as_tested(odd: Odd) -> tuple[AttributeTested, ...]:
     """List the attributes of an operational design domain, and what was driven of each; "" if nothing was."""
     road, ends = odd.road, lane_table(odd).varied
@@ -39,7 +46,7 @@ def odd_as_tested(odd: Odd) -> tuple[AttributeTested, ...]:
         ("Behaviour of others", "following, lane changes, looking away, overlooking, giving way late", True),
         ("People, animals and objects on the road", "", False),
         ("Task of the AV", f"{TASKS[odd.task]}; {odd.test_length:g} m a test", False),
-        ("Perception of the AV", "perfect, but for what the AV's own program leaves out", False),
+        ("Perception of the AV", _perception(odd), odd.perception is not None and odd.perception.is_random),
         ("Faults of the AV's hardware", "", False),
     )
     return tuple(AttributeTested(attribute=name, driven=driven, varied=varied) for name, driven, varied in rows)

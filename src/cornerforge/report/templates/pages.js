@@ -172,6 +172,7 @@
   }
 
   // src/shared/scene.ts
+  var [UNSEEN, MISPLACED] = [0.3, 0.25];
   function prepare(canvas) {
     const pixels = window.devicePixelRatio || 1;
     const [width, height] = [canvas.clientWidth, canvas.clientHeight];
@@ -266,6 +267,9 @@
       g.setLineDash([6, 4]);
       g.strokeRect(-length / 2, -width / 2, length, width);
     });
+  }
+  function seenAt({ seenX, seenY, ...motion }, frame) {
+    return seenX && seenY ? boxAt({ ...motion, x: seenX, y: seenY }, frame) : void 0;
   }
   function drawTrail(g, view, motion, frame, seconds, dt, colour) {
     const points = trail(motion, frame, seconds, dt);
@@ -399,17 +403,22 @@
       if (look.detail) drawTarget(g, view, item, box, isOfPair(i) ? colours.paint : colour(i));
       const outline = i === critical ? colours.ink : i === 0 && look.detail ? colours.paint : null;
       const isBraking = look.detail && brakes(item.vehicles[i], frame, item.dt);
+      const seen = seenAt(item.vehicles[i], frame);
+      g.globalAlpha = seen === null ? UNSEEN : 1;
       drawVehicle(g, view, box, { fill: colour(i), outline, kind: item.vehicles[i].kind, isBraking });
+      g.globalAlpha = 1;
+      if (look.detail && seen && Math.hypot(seen.x - box.x, seen.y - box.y) > MISPLACED) drawGhost(g, view, seen, colours.av);
     }
     const shades = look.detail ? (look.ghosts ?? []).map((ghost) => ({ ...ghost, box: boxAt(ghost.motion, frame) })) : [];
     for (const { box, colour: shade } of shades) if (box) drawGhost(g, view, box, shade);
     if (item.crash !== null && frame >= item.crash && partner) drawContact(g, view, av, partner, colours);
     if (!look.detail) return;
     const isBrief = view.scale <= 5;
+    const saw = (i) => seenAt(item.vehicles[i], frame) === null ? ", not seen" : "";
     const below = (i) => partner !== null && isOfPair(i) ? i === 0 === av.y < partner.y : false;
     const named = [0, ...partner && isSeen(partner) ? [item.partner] : [], ...isBrief ? [] : others];
     const names = named.map((i) => ({
-      text: nameOf(item, i, boxes[i], isBrief),
+      text: nameOf(item, i, boxes[i], isBrief) + saw(i),
       box: boxes[i],
       below: below(i),
       strong: isOfPair(i),
