@@ -21,7 +21,7 @@ from cornerforge.experiment.roads import odd_on, road_in_words, road_named
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.spec import AvSpec, spec_of
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
-from cornerforge.perception import perception_of
+from cornerforge.perception import Perception, perception_of
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import Setting, controllers, n_slots, observe
 from cornerforge.types import Odd, odd_named
@@ -98,11 +98,14 @@ def _warn_of_another_world(policy: Policy, name: str, road: Odd, ndd: NddModel) 
     theirs = dict(odd) if isinstance(odd, dict) else {}
     ours = {"name": road.name, "n_lanes": road.n_lanes, "model": model_hash(ndd), "road": _name_of(road.road)}
     ours["traffic"] = road.traffic
+    ours["perception"] = "perfect" if road.perception is None else road.perception.in_words()
     if theirs:
         theirs["road"] = _name_of(theirs.get("road"))
         theirs.setdefault("traffic", "free")
+        theirs["perception"] = Perception(**theirs["perception"]).in_words() if "perception" in theirs else "perfect"
     theirs["model"] = policy.about.get("model_hash", ours["model"])
     words = {"name": "ODD", "n_lanes": "lanes", "model": "naturalistic model", "road": "road", "traffic": "traffic"}
+    words["perception"] = "perception"
     other = [f"{words[key]} {theirs[key]}, here {here}" for key, here in ours.items() if theirs.get(key, here) != here]
     if other:
         warnings.warn(
