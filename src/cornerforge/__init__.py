@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from cornerforge.ext.interchange.from_data import cases_from_data
     from cornerforge.ext.interchange.import_cases import import_cases
     from cornerforge.ext.interchange.roads import road_check, road_import, road_show
+    from cornerforge.ext.interchange.sites import site_check, site_import, site_show
     from cornerforge.ext.paper.reproduce import reproduce
     from cornerforge.ext.pictures.figure import figure
     from cornerforge.ext.studies.plausibility import plausibility
@@ -47,8 +48,8 @@ __all__ = [
     "__version__", "analyse", "avs", "cases_from_data", "check_av", "drive_case", "engine", "export", "figure",
     "generate", "import_cases", "init", "make_report", "migrate", "ndd_fit", "ndd_import", "ndd_show", "ndd_validate",
     "plausibility", "query", "r157", "rate", "read_case_file", "replay", "reproduce", "retest", "road_check",
-    "road_import", "road_show", "run", "serve", "shrink", "simulate", "suite_build", "suite_run", "train", "train_av",
-    "variety", "verify", "write_case_file",
+    "road_import", "road_show", "run", "serve", "shrink", "simulate", "site_check", "site_import",
+    "site_show", "suite_build", "suite_run", "train", "train_av", "variety", "verify", "write_case_file",
 ]  # fmt: skip
 
 __version__ = "0.1.0"
@@ -84,6 +85,9 @@ __getattr__ = door(
         "road_check": "ext.interchange.roads",
         "road_import": "ext.interchange.roads",
         "road_show": "ext.interchange.roads",
+        "site_check": "ext.interchange.sites",
+        "site_import": "ext.interchange.sites",
+        "site_show": "ext.interchange.sites",
         "run": "verbs.run",
         "serve": "ext.explorer.serve",
         "shrink": "verbs.shrink",

@@ -23,7 +23,7 @@ MOTORWAY = Path(__file__).parent / "data" / "motorway.net.xml"
 TEXT = MOTORWAY.read_text(encoding="utf-8")
 WITHIN = 0.05
 STRAIGHT_ON = r"(ab|bc|cd|de|ef|fg|:b_1|:c_0|:e_1|:f_0)_\d"
-MCITY = Path(__file__).parents[3] / "shared" / "data" / "urban" / "mcity.net.xml.gz"
+MCITY = Path(__file__).parent / "data" / "mcity.net.xml.gz"
 
 
 def lanes_of(road: Road) -> list[tuple[int, float, float, str]]:
@@ -197,7 +197,6 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
         road_named(MOTORWAY)
 
 
-@pytest.mark.skipif(not MCITY.exists(), reason="that folder is not here")
 def test_a_test_track_is_taken_piece_by_piece_or_refused_by_name() -> None:
     road = road_of_sumo(MCITY, edges="EG_1_3_1,EG_1_3_1.61")
     assert lanes_of(road)[0] == (0, 68.2, 137.5, "through")

@@ -103,7 +103,7 @@ _PANELS = {
         "generate", "report", "serve", "replay", "query", "shrink", "figure", "export", "import", "cases", "verify",
         "migrate",
     ),
-    "Data and studies": ("ndd", "road", "variety", "plausibility", "reproduce"),
+    "Data and studies": ("ndd", "road", "site", "variety", "plausibility", "reproduce"),
 }  # fmt: skip
 """Commands on the first page, in its order."""
 
@@ -146,6 +146,7 @@ for _name, _help, _example in (
         "suite run aeb --av idm-mobil --out out/aeb",
     ),
     ("road", "Roads: curves, ramps, exits, lane drops, and roads from files.", "road show on-ramp"),
+    ("site", "Junctions from files: routes, right of way, signals, crosswalks.", "site show site.json"),
     ("cases", "Cases made of recorded traffic.", "cases from-data trajectories.csv --out out/moments"),
 ):  # fmt: skip
     _GROUPS[_name] = typer.Typer(

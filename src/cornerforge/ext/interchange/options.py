@@ -128,6 +128,30 @@ class RoadShow(Watched):
     out: Annotated[Path | str | None, meant("New picture, .png or .svg.")] = None
 
 
+_SITE = meant("A file of `site import`.", metavar="FILE")
+
+
+class SiteImport(Watched):
+    """Take a junction of a SUMO network: routes, right of way, signals, crosswalks. Nothing drives there yet."""
+
+    file: Annotated[Path | str, meant("SUMO network (.net.xml, .net.xml.gz).", metavar="FILE")] = field(kw_only=False)
+    junction: Annotated[str, meant("Id of the junction.")]
+    out: Annotated[Path | str, meant("New site file, .json.")]
+
+
+class SiteCheck(Watched):
+    """Look whether a site is sound: smooth routes, a zone for each crossing, priorities, signals; status 1 if not."""
+
+    site: Annotated[Path | str, _SITE] = field(kw_only=False)
+
+
+class SiteShow(Watched):
+    """Say what a site has, route by route; draw it with --out."""
+
+    site: Annotated[Path | str, _SITE] = field(kw_only=False)
+    out: Annotated[Path | str | None, meant("New picture, .png or .svg.")] = None
+
+
 COMMANDS = (
     Command(
         Export, "ext.interchange.export:export", "ext.interchange.export:export_text",
@@ -163,5 +187,17 @@ COMMANDS = (
     Command(
         RoadShow, "ext.interchange.roads:road_show", "ext.interchange.roads:road_text",
         ("cornerforge road show on-ramp --out on-ramp.png",), name="road show",
+    ),
+    Command(
+        SiteImport, "ext.interchange.sites:site_import", "ext.interchange.sites:site_text",
+        ("cornerforge site import city.net.xml.gz --junction NODE_18 --out site.json",), name="site import",
+    ),
+    Command(
+        SiteCheck, "ext.interchange.sites:site_check", "ext.interchange.sites:site_text",
+        ("cornerforge site check site.json",), name="site check", fails="ext.interchange.sites:is_faulty",
+    ),
+    Command(
+        SiteShow, "ext.interchange.sites:site_show", "ext.interchange.sites:site_text",
+        ("cornerforge site show site.json --out site.png",), name="site show",
     ),
 )  # fmt: skip

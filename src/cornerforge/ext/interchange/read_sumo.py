@@ -126,7 +126,7 @@ def _lanes(edge: Element, net: Net) -> dict[int, Lane]:
             lane.fault(f"edge {edge.string('id')} has two lanes of index {index}")
         lane.number("length", low=0.1, high=1e6, unit="m")
         found[index] = Lane(
-            lane, _shape(lane, net), lane.number("width", _WIDE, low=0.1, high=100.0, unit="m"),
+            lane, read_shape(lane, net), lane.number("width", _WIDE, low=0.1, high=100.0, unit="m"),
             lane.number("speed", low=0.1, high=100.0, unit="m/s"),
             _may(lane, "allow", "disallow") and lane.string("type", "") not in BESIDE,
             lane.string("acceleration", "0") in ("1", "true"), _may(lane, "changeLeft"), _may(lane, "changeRight"),
@@ -140,7 +140,7 @@ def _may(lane: Element, allow: str, disallow: str = "") -> bool:
     return (_CARS in given or "all" in given) if given else not (_CARS in barred or "all" in barred)
 
 
-def _shape(lane: Element, net: Net, least: int = 2) -> NDArray[np.float64]:
+def read_shape(lane: Element, net: Net, least: int = 2) -> NDArray[np.float64]:
     """Read the points of a lane, of which `least` must lie apart."""
     found = []
     for point in lane.string("shape").split():
@@ -177,7 +177,7 @@ def _connect(top: Element, net: Net, inner: dict[str, Element]) -> None:
         while via:
             if via not in inner:
                 one.fault(f"it goes via lane {via[:40]}, which is not there")
-            points.append(_shape(inner.pop(via), net, 1))
+            points.append(read_shape(inner.pop(via), net, 1))
             via = after[via].get(end, "")
         junction = net.edges[begin[0]].string("to")
         net.connections[junction].append(Connection(one, begin, end, np.concatenate(points)))

@@ -1,0 +1,127 @@
+"""Sites from SUMO networks, held against netconvert's own foes; and what `site check` finds in broken ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cornerforge
+from cornerforge.errors import DataError, InputError, UnknownNameError
+from cornerforge.ext.interchange.read_sumo import read_sumo
+from cornerforge.ext.interchange.sites import read_site
+from cornerforge.ext.interchange.sumo_site import id_of, site_of_sumo
+from cornerforge.ext.interchange.xml_input import read_xml
+from cornerforge.site.faults import faults_of
+from cornerforge.site.network import Phase, Site, headings_of
+from cornerforge.site.zones import zones_of
+
+MCITY = Path(__file__).parent / "data" / "mcity.net.xml.gz"
+"""Network of the Mcity test facility, by the University of Michigan (mcity/TeraSim); Apache-2.0, licence beside it."""
+NODE = "NODE_18"
+
+
+@pytest.fixture(scope="module")
+def site() -> Site:
+    return site_of_sumo(MCITY, NODE)
+
+
+def test_a_junction_has_its_routes_signals_and_crosswalks(site: Site) -> None:
+    assert len(site.vehicles) == 15
+    assert len(site.people) == 8  # four crosswalks, there and back
+    turns = [route.turn for route in site.routes]
+    assert {turn: turns.count(turn) for turn in sorted(set(turns))} == {"left": 4, "right": 5, "straight": 6, "walk": 8}
+    assert [phase.seconds for phase in site.programme] == [15, 3, 1, 15, 3, 1]
+    assert sorted({route.signal for route in site.routes}) == list(range(13))
+    for k in site.vehicles:
+        route = site.routes[k]
+        assert 0.0 < route.stop < route.leaves <= route.length
+        assert np.abs(np.diff(headings_of(route.line))).max() < 0.3
+        assert not set(route.yields_to) & {k}
+        turned = np.degrees(headings_of(route.line)[-1] - headings_of(route.line)[0])
+        assert {"left": 45 < turned < 135, "right": -135 < turned < -45, "straight": abs(turned) < 45}[route.turn]
+
+
+def test_zones_are_netconverts_foes() -> None:
+    """Of all pairs of all junctions: in 23 of 880 they differ, most where two lead into lanes side by side."""
+    net, top = read_sumo(MCITY), read_xml(MCITY, root="net", what="a network")
+    rows = {one.string("id"): one for one in top.all("junction")}
+    alike = differ = 0
+    for junction, ways in net.connections.items():
+        found = site_of_sumo(MCITY, junction)
+        via = {id_of(one): one.string("via") for one in top.all("connection") if one.string("via", "")}
+        names = sorted({v for v in via.values() if v.rpartition("_")[0].rpartition("_")[0] == f":{junction}"},
+                       key=lambda v: tuple(map(int, v.removeprefix(f":{junction}_").split("_"))))  # fmt: skip
+        outer = [v for v in names if any(via[n] == v and not n[0].startswith(":") for n in via)]
+        foes = {one.integer("index", low=0, high=99): one.string("foes")[::-1] for one in rows[junction].all("request")}
+        zones = {(z.first, z.second) for z in zones_of(found) if z.kind in ("cross", "merge")}
+        link = [outer.index(via[id_of(way.element)]) for way in ways]
+        link += [len(outer) + k // 2 for k in range(len(found.people))]
+        for second in range(len(found.routes)):
+            for first in range(min(second, len(ways))):
+                if (foes[link[first]][link[second]] == "1") == ((first, second) in zones):
+                    alike += 1
+                else:
+                    differ += 1
+    assert alike == 857
+    assert differ == 23
+
+
+def test_the_programme_of_mcity_has_a_green_without_amber(site: Site) -> None:
+    assert faults_of(site) == ["signal 0 goes from green to red without amber after phase 0"]
+    states = site.programme[1].states
+    mended = replace(site, programme=(site.programme[0], Phase(3, "y" + states[1:]), *site.programme[2:]))
+    assert faults_of(mended) == []
+
+
+def test_what_is_wrong_with_a_site_is_found(site: Site) -> None:
+    def first_of(**changed: object) -> list[str]:
+        return faults_of(replace(site, routes=(replace(site.routes[0], **changed), *site.routes[1:])))  # type: ignore[arg-type]
+
+    assert any("in order" in fault for fault in first_of(stop=500.0))
+    assert any("m apart" in fault for fault in first_of(points=site.routes[0].points[::5]))
+    assert any("not there" in fault for fault in first_of(yields_to=(99,)))
+    kinked = (*site.routes[0].points[:20], *((x + 1.0, y) for x, y in site.routes[0].points[20:]))
+    assert any("radius" in fault for fault in first_of(points=kinked))
+    green = replace(site, programme=(Phase(10, "G" * 13), Phase(4, "y" * 13), Phase(10, "r" * 13)))
+    assert any("each yield" in fault for fault in faults_of(green))
+    nobody_yields = replace(green, routes=tuple(replace(route, yields_to=()) for route in site.routes))
+    assert any("both green, and neither yields" in fault for fault in faults_of(nobody_yields))
+    assert any("letters" in fault for fault in faults_of(replace(site, programme=(Phase(10, "Gr"),))))
+    assert any("cross without a zone" in fault for fault in faults_of(site, zones_of(site)[10:]))
+    no_signals = tuple(replace(route, signal=-1, yields_to=()) for route in site.routes)
+    assert any("neither yields" in fault for fault in faults_of(replace(site, routes=no_signals, programme=())))
+
+
+def test_commands_import_check_and_show(tmp_path: Path) -> None:
+    file = tmp_path / "site.json"
+    told = cornerforge.site_import(MCITY, junction="NODE_24", out=file)
+    assert told.faults == ()
+    assert read_site(file) == site_of_sumo(MCITY, "NODE_24")
+    assert cornerforge.site_check(file).zones == told.zones == {"cross": 3, "diverge": 3, "merge": 3}
+    picture = tmp_path / "site.png"
+    assert cornerforge.site_show(file, out=picture).files == (str(picture),)
+    assert picture.stat().st_size > 10_000
+
+
+def test_what_is_no_site_is_refused_by_name(tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match="NODE_8"):
+        cornerforge.site_import(MCITY, junction="NODE_81", out=tmp_path / "a.json")
+    with pytest.raises(InputError, match="connects no lanes of cars"):
+        cornerforge.site_import(MCITY, junction="J1", out=tmp_path / "a.json")
+    with pytest.raises(InputError, match="netconvert"):
+        cornerforge.site_import(tmp_path / "a.xodr", junction="J1", out=tmp_path / "a.json")
+    with pytest.raises(UnknownNameError):
+        cornerforge.site_check(tmp_path / "none.json")
+
+
+def test_a_network_with_a_broken_right_of_way_is_refused(tmp_path: Path) -> None:
+    import gzip
+
+    text = gzip.decompress(MCITY.read_bytes()).decode()
+    file = tmp_path / "broken.net.xml"
+    file.write_text(text.replace('response="1001000000000000000"', 'response="10010"', 1), encoding="utf-8")
+    with pytest.raises(DataError, match="response has 5 letters"):
+        site_of_sumo(file, NODE)
