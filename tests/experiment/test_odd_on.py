@@ -70,6 +70,8 @@ def test_a_policy_of_another_road_says_so(tmp_path: Path) -> None:
         save_policy(Policy(weights, shape, False, about), tmp_path / f"{name}.safetensors")
     with pytest.warns(UserWarning, match="lanes 3, here 4; road straight, here on-ramp"):
         experiment(WorldOptions(road="on-ramp"), bv=tmp_path / "straight.safetensors")
+    with pytest.warns(UserWarning, match=r"perception perfect, here latency=0\.2,occlusion"):
+        experiment(WorldOptions(perception="latency=0.2,occlusion"), bv=tmp_path / "straight.safetensors")
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         experiment(WorldOptions(road="on-ramp"), bv=tmp_path / "unknown.safetensors")
