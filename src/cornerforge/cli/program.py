@@ -146,7 +146,7 @@ for _name, _help, _example in (
         "suite run aeb --av idm-mobil --out out/aeb",
     ),
     ("road", "Roads: curves, ramps, exits, lane drops, and roads from files.", "road show on-ramp"),
-    ("site", "Junctions from files: routes, right of way, signals, crosswalks.", "site show site.json"),
+    ("site", "Junctions from files: routes, right of way, signals, crosswalks.", "site show mcity-signal"),
     ("cases", "Cases made of recorded traffic.", "cases from-data trajectories.csv --out out/moments"),
 ):  # fmt: skip
     _GROUPS[_name] = typer.Typer(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
@@ -13,9 +14,12 @@ from cornerforge._schema import meant
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["STEP", "TURNS", "Phase", "Route", "Site", "Turn", "headings_of"]
+__all__ = ["SITE_FILES", "STEP", "TURNS", "Phase", "Route", "Site", "Turn", "headings_of", "with_amber"]
 
 Turn = Literal["straight", "left", "right", "back", "walk"]
+SITE_FILES = {name: Path(__file__).with_name(f"{name}.json") for name in ("mcity-signal",)}
+"""Sites that come with cornerforge: junction NODE_18 of the Mcity test facility, its programme of signals mended, from
+the University of Michigan's network (mcity/TeraSim, Apache-2.0, `mcity.LICENSE.txt`)."""
 TURNS: tuple[Turn, ...] = ("straight", "left", "right", "back", "walk")
 """Where a route leads from its approach; "walk": it is of people."""
 STEP = 1.0
@@ -106,3 +110,22 @@ def headings_of(line: NDArray[np.float64]) -> NDArray[np.float64]:
     if of_parts.size == 1:
         return np.repeat(of_parts, 2)
     return np.concatenate([of_parts[:1], 0.5 * (of_parts[1:] + of_parts[:-1]), of_parts[-1:]])
+
+
+def with_amber(site: Site) -> Site:
+    """Give each green for vehicles that ends without amber one, in the phase behind it, if another is amber there.
+
+    The notes name each signal that was mended.
+    """
+    states = [list(phase.states) for phase in site.programme]
+    notes, of_cars = list(site.notes), {site.routes[k].signal for k in site.vehicles}
+    for k, letters in enumerate(states):
+        behind = states[(k + 1) % len(states)]
+        for signal, letter in enumerate(letters):
+            if signal in of_cars and letter in "Gg" and behind[signal] == "r" and "y" in behind:
+                behind[signal] = "y"
+                notes.append(
+                    f"signal {signal} went from green to red; it is amber in phase {(k + 1) % len(states)} now"
+                )
+    phases = (replace(one, states="".join(letters)) for one, letters in zip(site.programme, states, strict=True))
+    return replace(site, programme=tuple(phases), notes=tuple(notes))

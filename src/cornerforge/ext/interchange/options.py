@@ -128,7 +128,7 @@ class RoadShow(Watched):
     out: Annotated[Path | str | None, meant("New picture, .png or .svg.")] = None
 
 
-_SITE = meant("A file of `site import`.", metavar="FILE")
+_SITE = meant("mcity-signal, or a file of `site import`.", metavar="NAME|FILE")
 
 
 class SiteImport(Watched):
@@ -137,6 +137,9 @@ class SiteImport(Watched):
     file: Annotated[Path | str, meant("SUMO network (.net.xml, .net.xml.gz).", metavar="FILE")] = field(kw_only=False)
     junction: Annotated[str, meant("Id of the junction.")]
     out: Annotated[Path | str, meant("New site file, .json.")]
+    mend_amber: Annotated[
+        bool, meant("Give a green that ends without amber one, where others have theirs; the site's notes name it.")
+    ] = False
 
 
 class SiteCheck(Watched):
@@ -194,10 +197,10 @@ COMMANDS = (
     ),
     Command(
         SiteCheck, "ext.interchange.sites:site_check", "ext.interchange.sites:site_text",
-        ("cornerforge site check site.json",), name="site check", fails="ext.interchange.sites:is_faulty",
+        ("cornerforge site check mcity-signal",), name="site check", fails="ext.interchange.sites:is_faulty",
     ),
     Command(
         SiteShow, "ext.interchange.sites:site_show", "ext.interchange.sites:site_text",
-        ("cornerforge site show site.json --out site.png",), name="site show",
+        ("cornerforge site show mcity-signal --out site.png",), name="site show",
     ),
 )  # fmt: skip

@@ -13,7 +13,7 @@ from cornerforge.ext.interchange.sumo_site import site_of_sumo
 from cornerforge.results.sites import RouteTold, SiteTold
 from cornerforge.results.stating import as_json, from_file
 from cornerforge.site.faults import faults_of
-from cornerforge.site.network import Site
+from cornerforge.site.network import SITE_FILES, Site, with_amber
 from cornerforge.site.zones import Zone, zones_of
 from cornerforge.work.files import write_json
 
@@ -36,6 +36,7 @@ def site_import(options: SiteImport) -> SiteTold:
     if not file.name.endswith((".xml", ".xml.gz")):
         raise InputError(f"{file} is no SUMO network; make one with: netconvert --opendrive {file} -o city.net.xml")
     site = site_of_sumo(file, options.junction)
+    site = with_amber(site) if options.mend_amber else site
     told = _told(site, zones_of(site), (str(out),))
     write_json(out, as_json(site))
     return told
@@ -81,15 +82,15 @@ def site_show(options: SiteShow) -> SiteTold:
 
 
 def read_site(name: str | Path) -> Site:
-    """Read a site from a file that `site import` has written, whatever is wrong with it.
+    """Give a site by its name, or read it from a file that `site import` has written, whatever is wrong with it.
 
     Raises:
-        UnknownNameError: No file has this name.
+        UnknownNameError: No site and no file has this name.
         FileFormatError: The file is damaged, or holds no site.
     """
-    file = Path(name)
+    file = SITE_FILES.get(str(name), Path(name))
     if not file.is_file():
-        raise UnknownNameError("site", str(name), ["FILE.json"])
+        raise UnknownNameError("site", str(name), [*SITE_FILES, "FILE.json"])
     return from_file(Site, file, "cornerforge site import")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import InputError, UnknownNameError
-from cornerforge.ext.interchange.read_sumo import Connection, Lane, Net, read_shape, read_sumo
+from cornerforge.ext.interchange.read_sumo import Connection, Lane, Name, Net, read_shape, read_sumo
 from cornerforge.ext.interchange.xml_input import Element, read_xml
 from cornerforge.site.network import STEP, Phase, Route, Site, Turn
 
@@ -18,6 +18,8 @@ __all__ = ["REACH", "site_of_sumo"]
 REACH = 100.0
 """Routes begin so far before the junction, and end so far behind it, where its lanes reach so far [m]."""
 _TURNS: dict[str, Turn] = {"s": "straight", "l": "left", "L": "left", "r": "right", "R": "right", "t": "back"}
+_JOINT = 8.0
+"""Where edges go on in one another, lanes are joined over so much of each [m]."""
 _BENT = 0.4
 """Length of the handles of a way through the junction, over the distance of its ends."""
 _OFF = 1.0
@@ -29,8 +31,9 @@ _WALKS = 1.5
 def site_of_sumo(path: Path, junction: str) -> Site:
     """Take a junction of a network.
 
-    A route is the last part of a lane, a smooth way through the junction, and the first part of a lane behind it; a
-    crosswalk is one route each way. Who yields, and the signals' programme, are the file's.
+    A route is the last part of a lane, a smooth way through the junction, and the first part of a lane behind it, over
+    edges that merely go on in one another; a crosswalk is one route each way. Who yields, and the signals' programme,
+    are the file's.
 
     Raises:
         InputError: The file is missing, or the junction has nothing to drive on.
@@ -140,7 +143,8 @@ def _walked(net: Net, walk: Element, signal: int, yields: tuple[int, ...]) -> li
 def _route(net: Net, way: Connection, yields: tuple[int, ...], notes: list[str]) -> Route:
     """Make the route of a connection."""
     before, behind = net.lanes[way.begin], net.lanes[way.end]
-    approach, leaving = _last(before.shape), _last(behind.shape[::-1])[::-1]
+    approach = _last(_further(net, way.begin, back=True))
+    leaving = _last(_further(net, way.end, back=False)[::-1])[::-1]
     through = _curve(approach, leaving)
     off = _farthest(way.way, through)
     if off > _OFF:
@@ -166,13 +170,49 @@ def _slower(before: Lane, behind: Lane) -> float:
     return min(before.limit, behind.limit)
 
 
+def _further(net: Net, name: Name, *, back: bool) -> NDArray[np.float64]:
+    """Lengthen a lane to `REACH`, back or ahead, over places where one edge merely goes on in another."""
+    line, passed = net.lanes[name].shape, {name[0]}
+    while _length(line) < REACH:
+        junction = net.edges[name[0]].string("from" if back else "to")
+        ways = net.connections.get(junction, [])
+        if junction in net.lights or len({way.edges for way in ways}) != 1:
+            return line
+        there = [way for way in ways if (way.end if back else way.begin) == name]
+        if not there or there[0].edges[0 if back else 1] in passed:
+            return line
+        name = min(
+            (way.begin if back else way.end for way in there), key=lambda lane: _aside(net, name, lane, back=back)
+        )
+        passed.add(name[0])
+        more = net.lanes[name].shape
+        line = _joined(more, line) if back else _joined(line, more)
+    return line
+
+
+def _aside(net: Net, name: Name, other: Name, *, back: bool) -> float:
+    """Measure how far apart two lanes that follow each other end and begin [m]."""
+    first, second = (other, name) if back else (name, other)
+    return float(np.hypot(*(net.lanes[second].shape[0] - net.lanes[first].shape[-1])))
+
+
+def _joined(before: NDArray[np.float64], behind: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Join two lines where lanes may lie aside of each other: smoothly, over `_JOINT` of each or a third of it."""
+    before = _part(before, 0.0, _length(before) - min(_JOINT, _length(before) / 3.0))
+    behind = _part(behind, min(_JOINT, _length(behind) / 3.0), _length(behind))
+    return np.concatenate([before, _curve(before, behind)[1:-1], behind])
+
+
 def _last(line: NDArray[np.float64]) -> NDArray[np.float64]:
     """Take the last `REACH` metres of a line."""
+    return _part(line, max(0.0, _length(line) - REACH), _length(line))
+
+
+def _part(line: NDArray[np.float64], begin: float, end: float) -> NDArray[np.float64]:
+    """Cut a line, from where to where along it [m]."""
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(line, axis=0).T)))
-    begin = max(0.0, float(along[-1]) - REACH)
-    kept = along > begin
-    first = np.array([np.interp(begin, along, values) for values in line.T])
-    return np.concatenate([first[None], line[kept]])
+    ends = np.stack([np.interp([begin, end], along, values) for values in line.T], axis=1)
+    return np.concatenate([ends[:1], line[(along > begin + 1e-6) & (along < end - 1e-6)], ends[1:]])
 
 
 def _curve(before: NDArray[np.float64], behind: NDArray[np.float64]) -> NDArray[np.float64]:
