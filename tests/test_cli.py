@@ -79,7 +79,7 @@ def call(capsys: Capture, *arguments: object) -> tuple[int, str, str]:
 # --- help ---
 
 
-GROUPS = [[], ["ndd"], ["suite"], ["cases"], ["road"]]
+GROUPS = [[], ["ndd"], ["suite"], ["cases"], ["road"], ["site"]]
 
 
 def all_commands() -> list[list[str]]:
@@ -246,7 +246,7 @@ def test_every_command_takes_the_common_options(command: list[str], capsys: Capt
     assert "<bool>" not in out, "an option without a value shows none"
 
 
-@pytest.mark.parametrize("command", GROUPS, ids=["cornerforge", "ndd", "suite", "cases", "road"])
+@pytest.mark.parametrize("command", GROUPS, ids=["cornerforge", "ndd", "suite", "cases", "road", "site"])
 def test_no_command_shows_what_there_is(command: list[str], capsys: Capture) -> None:
     status, out, err = call(capsys, *command)
     assert (status, err) == (2, "")
