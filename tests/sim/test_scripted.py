@@ -13,11 +13,12 @@ from cornerforge.errors import InputError
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.setting import experiment
 from cornerforge.ndd.model import Memory, default_model_path, load_model, save_model
+from cornerforge.perception import Perception
 from cornerforge.road.straight import lane_centre
 from cornerforge.sim.recorder import scenario_digest
 from cornerforge.sim.scripted import NATURAL, START_FIELDS, Script, ScriptDriver, scripted_start
 from cornerforge.sim.world import VEHICLE
-from cornerforge.types import ACCELERATIONS, CAR, MOTORCYCLE, TRUCK, Crash, Scenario
+from cornerforge.types import ACCELERATIONS, CAR, MOTORCYCLE, TRUCK, Crash, Odd, Scenario
 
 RUNS = {
     "swerve": {"bv": "swerve"},
@@ -266,3 +267,17 @@ def test_only_sizes_of_the_odd_are_driven(odd: str, kind: int, size: tuple[float
             attempt()
     with pytest.raises(InputError, match=message):
         driver.later(replace(script, action=np.vstack([script.action, script.action])), 1)
+
+
+@pytest.mark.parametrize("action", [NATURAL, 0, 17])
+def test_an_av_goes_on_where_a_script_hides_who_is_ahead(action: int) -> None:
+    """A slower BV ahead is unseen for a second, whatever it does itself: the AV goes on, where it brakes else."""
+    odd = replace(Odd(lane_width=4.0), perception=Perception(latency=0.1))
+    run = experiment(road=odd)
+    driver = ScriptDriver(run.setting, odd)
+    script = natural(start_of((200.0, 1, 30.0), (240.0, 1, 20.0)), 3)
+    script = replace(script, action=np.where(np.arange(3)[:, None] == 0, np.int8(action), script.action))
+    seen, hidden = (driver.record(replace(script, hidden=np.array(slots, dtype=np.int16)))[0] for slots in ([], [1]))
+    assert seen.acceleration[8, 0] < -1.0
+    assert hidden.acceleration[8, 0] > seen.acceleration[8, 0] + 1.0
+    np.testing.assert_array_equal(seen.action[0], hidden.action[0])

@@ -104,8 +104,8 @@ class Cast(NamedTuple):
 
 NO_CAST = Cast(np.zeros(1, dtype=np.float32), np.zeros(0, dtype=MEMBER))
 NO_SCRIPT = np.zeros((0, 0), dtype=np.int8)
-HIDDEN = 64
-"""Added to the action of a script: the AV loses that vehicle in that second."""
+HIDDEN = 65
+"""Added to the action of a script, which is at least -1: the AV loses that vehicle in that second."""
 
 
 class Controllers(NamedTuple):

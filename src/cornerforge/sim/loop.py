@@ -144,7 +144,7 @@ def _follow_script(w: World, av_lane: int, setting: Setting, s: ChoiceScratch, c
         if v[i].present == 0:
             continue
         action: int = setting.who.script[step, i]
-        if action >= HIDDEN:
+        if action >= HIDDEN + NO_ACTION:
             w.state[0].hidden = i
             action -= HIDDEN
         if recorded or action == NO_ACTION:
