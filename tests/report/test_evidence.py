@@ -19,6 +19,7 @@ from cornerforge.ext.evidence.material import SHIPPED, Checks
 from cornerforge.ext.evidence.odd import odd_as_tested
 from cornerforge.ext.evidence.questions import QUESTIONS
 from cornerforge.ndd.model import default_model_path, load_model, model_hash
+from cornerforge.perception import Perception
 from cornerforge.recordings import recordings_of
 from cornerforge.results import NaturalRate, Regulated, as_json, from_json
 from cornerforge.results.driving import Cost, ModelUncertainty
@@ -181,6 +182,9 @@ def test_results_of_another_av_and_no_results_are_refused(natural_run_folder: Pa
 
 def test_what_is_not_in_the_simulator_is_said_to_be_untested() -> None:
     rows = {row.attribute: row.driven for row in odd_as_tested(Odd(truck_share=0.1))}
+    assert rows["Perception of the AV"].startswith("perfect")
+    seen = {row.attribute: row.driven for row in odd_as_tested(Odd(perception=Perception(latency=0.2)))}
+    assert seen["Perception of the AV"] == "imperfect, by a stated law: latency=0.2"
     assert "trucks (10.0 %)" in rows["Vehicles"]
     assert rows["Weather and visibility"] == rows["Light"] == ""
 

@@ -387,8 +387,15 @@ def _credibility(m: Material) -> _Answer:
         gaps.append("Validation of the traffic model: cornerforge ndd validate --out FOLDER, then --beside FOLDER.")
     drawn = _drawn_models(m)
     claims += [drawn] if drawn is not None else []
-    gaps.append("The AV's sensors, actuators and hardware are not modelled: its decisions alone are tested.")
+    gaps.append(f"The AV's {_not_modelled(m)} are not modelled: its decisions alone are tested.")
     return claims[0].said if claims else "Not covered, because no validation lies beside", claims, gaps
+
+
+def _not_modelled(m: Material) -> str:
+    """Name what is missing of the AV besides its decisions."""
+    if m.odd.perception is None:
+        return "sensors, actuators and hardware"
+    return "sensors, but for the stated errors of what it perceives, its actuators and its hardware"
 
 
 def _traceable(m: Material) -> _Answer:
