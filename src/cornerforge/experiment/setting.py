@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge._checks import check_in, check_number
+from cornerforge._schema import read
 from cornerforge.drivers.avs import numbers_of_av
 from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.drivers.policy import NO_POLICY
@@ -102,7 +103,8 @@ def _warn_of_another_world(policy: Policy, name: str, road: Odd, ndd: NddModel) 
     if theirs:
         theirs["road"] = _name_of(theirs.get("road"))
         theirs.setdefault("traffic", "free")
-        theirs["perception"] = Perception(**theirs["perception"]).in_words() if "perception" in theirs else "perfect"
+        told = theirs.get("perception")
+        theirs["perception"] = "perfect" if told is None else read(Perception, told, f"Policy {name}").in_words()
     theirs["model"] = policy.about.get("model_hash", ours["model"])
     words = {"name": "ODD", "n_lanes": "lanes", "model": "naturalistic model", "road": "road", "traffic": "traffic"}
     words["perception"] = "perception"

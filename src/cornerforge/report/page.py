@@ -401,7 +401,7 @@ def _render(
     pages = environment()
     from markupsafe import Markup
 
-    kinds = kind_counts(artefacts.analysis.coverage)
+    kinds, odd = kind_counts(artefacts.analysis.coverage), CaseLibrary.open(artefacts.library).odd
     scripts = [plotly, template(PLAYER)]
     page: str = pages.get_template("report.html.j2").render(
         run=artefacts.summary,
@@ -410,7 +410,8 @@ def _render(
         preset="" if artefacts.training is None else artefacts.training.preset,
         natural=known.kinds,
         road=known.road,
-        place=road_in_words(CaseLibrary.open(artefacts.library).odd),
+        place=road_in_words(odd),
+        perceives=odd.perception is not None,
         front=front,
         look=_looked_at(front.look, cases),
         natural_library=artefacts.natural_library,

@@ -21,7 +21,7 @@ _LONGEST_GAP = 1.5
 """Most distance of two points of a route of vehicles [m]."""
 _LETTERS = "Ggyr"
 _AMBER = (2.0, 8.0)
-"""Usual lengths of an amber light [s]; UTDOT and the MUTCD name 3 to 6 s."""
+"""Lengths of an amber light that are believed [s]; the MUTCD names 3 to 6 s (from memory)."""
 
 
 def faults_of(site: Site, zones: tuple[Zone, ...] | None = None) -> list[str]:

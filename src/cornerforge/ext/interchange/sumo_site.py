@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import InputError, UnknownNameError
-from cornerforge.ext.interchange.read_sumo import Connection, Lane, Name, Net, read_shape, read_sumo
+from cornerforge.ext.interchange.read_sumo import Connection, Name, Net, read_shape, read_sumo
 from cornerforge.ext.interchange.xml_input import Element, read_xml
 from cornerforge.site.network import STEP, Phase, Route, Site, Turn
 
@@ -128,12 +128,11 @@ def _walked(net: Net, walk: Element, signal: int, yields: tuple[int, ...]) -> li
     lane = walk.need("lane")
     line, width = read_shape(lane, net), lane.number("width", low=0.5, high=10.0, unit="m")
     name = walk.string("id").rpartition("_")[2]
-    length = float(np.hypot(*np.diff(line, axis=0).T).sum())
     over = walk.string("crossingEdges", "").split()
     return [
         Route(
             name=f"{name} {which}", approach=f"{name} {which}", exit=" ".join(over)[:80], turn="walk",
-            points=_listed(points), width=width, stop=0.0, leaves=round(length, 3), limits=(_WALKS, _WALKS),
+            points=_listed(points), width=width, stop=0.0, leaves=round(_length(line), 3), limits=(_WALKS, _WALKS),
             signal=signal, yields_to=yields,
         )
         for which, points in (("there", line), ("back", line[::-1]))
@@ -149,25 +148,21 @@ def _route(net: Net, way: Connection, yields: tuple[int, ...], notes: list[str])
     off = _farthest(way.way, through)
     if off > _OFF:
         notes.append(f"{_name(way)}: the way through the junction is up to {off:.1f} m from the file's own")
-    stop = float(np.hypot(*np.diff(approach, axis=0).T).sum())
-    leaves = stop + float(np.hypot(*np.diff(through, axis=0).T).sum())
+    stop = _length(approach)
+    leaves = stop + _length(through)
     line = _even(np.concatenate([approach, through[1:-1], leaving]))
     element = way.element
     return Route(
         name=_name(way), approach=way.begin[0], exit=way.end[0],
         turn=_TURNS.get(element.string("dir", "s"), "straight"), points=_listed(line),
         width=min(before.width, behind.width), stop=round(stop, 3), leaves=round(min(leaves, _length(line)), 3),
-        limits=(before.limit, _slower(before, behind)),
+        limits=(before.limit, min(before.limit, behind.limit)),
         signal=element.integer("linkIndex", low=0, high=255) if element.string("tl", "") else -1, yields_to=yields,
     )  # fmt: skip
 
 
 def _name(way: Connection) -> str:
     return f"{way.begin[0]}_{way.begin[1]}>{way.end[0]}_{way.end[1]}"
-
-
-def _slower(before: Lane, behind: Lane) -> float:
-    return min(before.limit, behind.limit)
 
 
 def _further(net: Net, name: Name, *, back: bool) -> NDArray[np.float64]:
@@ -210,7 +205,7 @@ def _last(line: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _part(line: NDArray[np.float64], begin: float, end: float) -> NDArray[np.float64]:
     """Cut a line, from where to where along it [m]."""
-    along = np.append(0.0, np.cumsum(np.hypot(*np.diff(line, axis=0).T)))
+    along = _along(line)
     ends = np.stack([np.interp([begin, end], along, values) for values in line.T], axis=1)
     return np.concatenate([ends[:1], line[(along > begin + 1e-6) & (along < end - 1e-6)], ends[1:]])
 
@@ -234,14 +229,19 @@ def _direction(pair: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _even(line: NDArray[np.float64]) -> NDArray[np.float64]:
     """Put points a metre apart on a line; its ends stay."""
-    along = np.append(0.0, np.cumsum(np.hypot(*np.diff(line, axis=0).T)))
+    along = _along(line)
     kept = np.append(True, np.diff(along) > 1e-9)
     at = np.linspace(0.0, along[-1], max(2, round(float(along[-1]) / STEP) + 1))
     return np.stack([np.interp(at, along[kept], values[kept]) for values in line.T], axis=1)
 
 
+def _along(line: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Measure how far along a line each of its points is, (P,) [m]."""
+    return np.append(0.0, np.cumsum(np.hypot(*np.diff(line, axis=0).T)))
+
+
 def _length(line: NDArray[np.float64]) -> float:
-    return float(np.hypot(*np.diff(line, axis=0).T).sum())
+    return float(_along(line)[-1])
 
 
 def _listed(line: NDArray[np.float64]) -> tuple[tuple[float, float], ...]:
@@ -273,19 +273,19 @@ def _programme(
     if logic.string("type", "static") != "static":
         notes.append(f"the signals are {logic.string('type')}; the programme is taken with its stated lengths")
     most = max(route.signal for route in routes)
-    return tuple(_phase(one, most, _LETTERS) for one in logic.all("phase"))
+    return tuple(_phase(one, most) for one in logic.all("phase"))
 
 
 _LETTERS: Mapping[str, str] = {"G": "G", "g": "g", "y": "y", "Y": "y", "u": "r", "r": "r", "s": "g"}
 """Letters of SUMO: u is red and amber, s a right turn that must stop first (taken as one that yields)."""
 
 
-def _phase(phase: Element, most: int, letters: Mapping[str, str]) -> Phase:
+def _phase(phase: Element, most: int) -> Phase:
     states = phase.string("state")
     if len(states) <= most:
         phase.fault(f"state has {len(states)} letters; connections use {most + 1}")
-    if unknown := sorted(set(states) - set(letters)):
+    if unknown := sorted(set(states) - set(_LETTERS)):
         phase.fault(f"state has the letter {unknown[0]}, of a signal that is off; signals that work are read")
     return Phase(
-        phase.number("duration", low=0.1, high=1000.0, unit="s"), "".join(letters[letter] for letter in states)
+        phase.number("duration", low=0.1, high=1000.0, unit="s"), "".join(_LETTERS[letter] for letter in states)
     )
