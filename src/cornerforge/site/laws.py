@@ -84,7 +84,7 @@ class Laws:
 class Demand:
     """How many vehicles and people come to a site."""
 
-    vehicles: Annotated[float, meant("Vehicles that come by each approach lane.", "1/h", 0, 1800)] = 300.0
+    vehicles: Annotated[float, meant("Vehicles that come by each approach lane.", "1/h", 0, 1800)] = 150.0
     people: Annotated[float, meant("People that come to each end of a crosswalk.", "1/h", 0, 1800)] = 40.0
     trucks: Annotated[float, meant("Share of trucks among the vehicles.", "", 0, 0.5)] = 0.05
     left: Annotated[float, meant("Weight of a left turn, where straight on has 1.", "", 0, 10)] = 0.25
