@@ -56,7 +56,9 @@ class Batch(NamedTuple):
     views: NDArray[Any]
 
 
-def allocate_batch(n_worlds: int, slots: int, views: NDArray[Any] | None = None, road: RoadNumbers | None = None) -> Batch:
+def allocate_batch(
+    n_worlds: int, slots: int, views: NDArray[Any] | None = None, road: RoadNumbers | None = None
+) -> Batch:
     """A batch of idle worlds; `views` is where what AVs see is written, None: float32 (B, 13, 8).
 
     `road`: of the tests; None: a road on which the AV sees at once.

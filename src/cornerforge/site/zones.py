@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 __all__ = ["BODY", "PERSON", "Zone", "ZoneKind", "zones_of"]
 
 ZoneKind = Literal["cross", "merge", "diverge", "shared"]
-BODY, PERSON = (5.0, 2.0), (0.6, 0.6)
-"""Length and width of a vehicle and of a person for which zones are found [m]."""
+BODY, PERSON = (5.0, 2.3), (0.6, 0.6)
+"""Length and width of a vehicle and of a person for which zones are found [m]: of a delivery truck."""
 _STEP = 0.5
 """Places are tried so far apart [m]; zones are made wider by as much at each end."""
 _NONE = -1

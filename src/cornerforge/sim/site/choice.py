@@ -19,7 +19,7 @@ from cornerforge.sim.site.look import BLIND, LOOKED, STOPS
 from cornerforge.sim.site.people import AT_KERB
 from cornerforge.sim.world import ALL_OF_THEM, NO_ACTION, NO_VEHICLE
 from cornerforge.site.tables import NOISE_CELLS
-from cornerforge.types import ACCELERATIONS, FIRST_ACCELERATION, N_ACTIONS, PERSON
+from cornerforge.types import ACCELERATION_STEP, ACCELERATIONS, FIRST_ACCELERATION, N_ACTIONS, PERSON
 
 if TYPE_CHECKING:
     from numpy import uint64
@@ -38,6 +38,7 @@ _WALKS = WALKS
 _ACCELERATIONS = ACCELERATIONS
 _HALF = NOISE_CELLS // 2
 _HARDEST = float(ACCELERATIONS[0])
+_HALF_STEP = 0.5 * ACCELERATION_STEP
 _STANDS = 0.05
 
 
@@ -46,9 +47,11 @@ def _law(w: World, i: int) -> tuple[int, int]:
     """Find the acceleration of a driver's law, and the largest that noise may lead to, as actions; -1: no noise."""
     own = w.agents[i]
     centre = nearest_action(own.free)
+    if centre > FIRST_ACCELERATION and _ACCELERATIONS[centre - FIRST_ACCELERATION] > own.most + 1e-9:
+        centre -= 1
     if (w.vehicles[i].speed < _STANDS and own.free <= 0.0) or own.free <= _HARDEST:
         return centre, NO_ACTION
-    return centre, max(centre, nearest_action(min(own.most, 100.0)))
+    return centre, max(centre, nearest_action(min(own.most, 100.0) - _HALF_STEP))
 
 
 @inlined_kernel

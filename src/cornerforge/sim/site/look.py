@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cornerforge._elementary import exp, log
+from cornerforge._elementary import exp, log, sin_cos
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.drivers.idm import IdmNumbers, free_acceleration, idm_acceleration
 from cornerforge.sim.world import ALL_OF_THEM, NO_VEHICLE
 from cornerforge.site.network import TURNS
@@ -27,6 +28,7 @@ from cornerforge.site.tables import (
     letter_at,
     longer,
     mapped,
+    pose_at,
     speed_at,
     walk_letter,
     when_green,
@@ -38,7 +40,18 @@ if TYPE_CHECKING:
 
     from cornerforge.sim.world import World
 
-__all__ = ["BLIND", "LOOKED", "OBEYS", "STOPS", "TURNS_ON_RED", "look_as_driver", "seconds_of", "sure", "will_stop"]
+__all__ = [
+    "BLIND",
+    "LOOKED",
+    "OBEYS",
+    "STOPS",
+    "TURNS_ON_RED",
+    "look_as_driver",
+    "room_before",
+    "seconds_of",
+    "sure",
+    "will_stop",
+]
 
 OBEYS, TURNS_ON_RED, STOPS, LOOKED, BLIND = (1 << k for k in range(5))
 """Bits of `AGENT.marks`. Of a person: it never leaves the kerb on Don't Walk. Of a driver: it turns right on red; it has
@@ -48,9 +61,13 @@ WARM_STEP = 1 << 15
 _HARDEST = 8.0
 _EXPECTED = 4.0
 """A vehicle that needs to brake harder than this is thought not to stop [m/s2]."""
+_STEP, _FARTHEST, _SOON = 0.5, 8.0, 3.0
+_CLOSE = 0.3
+"""Room that is kept to what stands ahead in a zone that both are in [m]."""
 _MARGIN = 0.5
 """Drivers stop so far before the place in which they would be in the way [m], and leave so many seconds behind others."""
 _PAST_LINE = 0.5
+_CRAWLS, _UNDER_WAY = 2.0, 1.0
 _STANDS = 0.5
 """Below this speed a vehicle stands [m/s]."""
 _AT_LINE = 5.0
@@ -61,6 +78,8 @@ _NO_DOUBT = 3.0
 """A gap so many times the critical one is taken."""
 _OWN_BRAKES, _LEAD_BRAKES, _LEAVES, _DELAY = 7.0, 6.0, 0.5, 0.6
 """How hard a driver brakes if it must, and its lead [m/s2], what it leaves between them [m], and how late it is [s]."""
+_RAMP = 0.2
+"""Braking begins so late, because the acceleration must change first [s]."""
 _SURE = 1.7
 """A logistic law of this steepness is near the normal one."""
 
@@ -96,7 +115,7 @@ def _to_stop(speed: float, room: float, braking: float) -> float:
 
     Gipps's (1981) rule with comfortable braking, or the braking that is needed.
     """
-    room = max(room, 0.0)
+    room = max(room - _RAMP * speed, 0.0)
     b = max(braking, 1.05 * 0.5 * speed * speed / max(room, 0.05))
     inside = b * b + b * (2.0 * room - speed)
     safe = -b + math.sqrt(max(inside, 0.0))
@@ -126,6 +145,45 @@ def _follow(w: World, i: int, j: int, room: float, wanted: float, own: IdmNumber
     speed = _OWN_BRAKES * (math.sqrt(max(_DELAY * _DELAY + 2.0 * room / _OWN_BRAKES, 0.0)) - _DELAY)
     w.agents[i].most = min(w.agents[i].most, max(-_HARDEST, speed - me.speed))
     return free
+
+
+@kernel
+def room_before(w: World, i: int, j: int) -> float:
+    """Compute the room straight ahead of the agent in slot i to the box of slot j [m]; +inf if that is not ahead."""
+    me, other = w.vehicles[i], w.vehicles[j]
+    sine, cosine = sin_cos(me.heading)
+    dx, dy = other.x - me.x, other.y - me.y
+    ahead = dx * cosine + dy * sine
+    aside = abs(dy * cosine - dx * sine)
+    across, along = sin_cos(other.heading - me.heading)
+    half_along = 0.5 * (abs(along) * other.length + abs(across) * other.width)
+    half_across = 0.5 * (abs(across) * other.length + abs(along) * other.width)
+    if ahead <= 0.0 or aside >= 0.5 * me.width + half_across + _CLOSE:
+        return np.inf
+    room: float = ahead - 0.5 * me.length - half_along
+    return room
+
+
+@kernel
+def _room_along(w: World, i: int, j: int, strength: float, site: NDArray[np.void]) -> float:
+    """Compute the room along the route of slot i to the box of slot j [m]; +inf if it is not within `_FARTHEST`.
+
+    `strength`: the acceleration of slot i [m/s2], while j is thought to drive on until a second later; 0: j is thought
+    to stay where it is.
+    """
+    me, other, own, theirs = w.vehicles[i], w.vehicles[j], w.agents[i], w.agents[j]
+    steps = 1
+    while steps * _STEP <= _FARTHEST:
+        room = steps * _STEP
+        x, y, heading = pose_at(site, own.route, own.s + room)
+        mine = Box(x, y, heading, me.length + _CLOSE, me.width + _CLOSE)
+        time = _time_to(room, me.speed, 2.0 * me.speed + 5.0, strength) if strength > 0.0 else 0.0
+        for late in range(3 if strength > 0.0 else 1):
+            ox, oy, turned = pose_at(site, theirs.route, theirs.s + other.speed * (time + 0.5 * late))
+            if boxes_overlap(mine, Box(ox, oy, turned, other.length + _CLOSE, other.width + _CLOSE)):
+                return room - _STEP
+        steps += 1
+    return np.inf
 
 
 @inlined_kernel
@@ -164,11 +222,28 @@ def _light(w: World, i: int, clock: float, site: NDArray[np.void]) -> tuple[floa
 
 
 @inlined_kernel
-def _arrival(w: World, i: int, j: int, room: float, clock: float, on_red: bool, site: NDArray[np.void]) -> tuple[int, float]:
+def _kept_free(w: World, i: int, j: int, there: float, site: NDArray[np.void]) -> float:
+    """Compute the room to the stop line [m] of slot i, which keeps the junction free behind slot j; +inf: it need not.
+
+    `there`: where slot j, ahead, is along slot i's route [m]. A driver does not enter behind one that crawls and leaves
+    no room for it behind the junction.
+    """
+    row, me = site[0].route[w.agents[i].route], w.vehicles[i]
+    room: float = row.stop - w.agents[i].s - 0.5 * me.length
+    rear = there - 0.5 * w.vehicles[j].length
+    if room < -_PAST_LINE or there < row.stop or w.vehicles[j].speed > _CRAWLS or rear > row.leaves + me.length + 1.0:
+        return np.inf
+    return room
+
+
+@inlined_kernel
+def _arrival(
+    w: World, i: int, j: int, room: float, clock: float, on_red: bool, site: NDArray[np.void]
+) -> tuple[int, float]:
     """Say what slot i owes slot j, which has `room` [m] to their zone, and when that will be there [s].
 
     Returns:
-        2: it must give way; 1: the other has to, and does not; 0: nothing. Time, or +inf.
+        2: it must give way; 1: the other has to, and does not; 0: nothing. Time, +inf if the other will stop.
     """
     one, agents, v = site[0], w.agents, w.vehicles
     other, row = agents[j], one.route[agents[j].route]
@@ -192,7 +267,7 @@ def _arrival(w: World, i: int, j: int, room: float, clock: float, on_red: bool, 
     if (zone.yields or on_red) and not stopped:
         return 2, arrival
     goes = not will_stop(speed, room - _MARGIN) or (room < 1.0 and speed > _STANDS)
-    return (1, arrival) if goes else (0, np.inf)
+    return (1 if goes else 0), arrival
 
 
 @inlined_kernel
@@ -258,6 +333,7 @@ def look_as_driver(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
         if other.route == own.route:
             if other.s > place or (other.s == place and j < i):
                 free = _follow(w, i, j, other.s - place - half, wanted, idm, free)
+                room = min(room, _kept_free(w, i, j, other.s, site))
             continue
         zone = one.zone[own.route, other.route]
         if zone.kind == NO_ZONE:
@@ -267,29 +343,33 @@ def look_as_driver(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
         end = zone.end + longer(me.length, False)
         if other.s > zone.other_end + theirs or place > end:
             continue
-        if zone.kind != CROSS and to_other <= 0.0:
-            there = mapped(site, own.route, other.route, other.s)
-            if there > place or (there == place and j < i):
-                free = _follow(w, i, j, there - place - half, wanted, idm, free)
-            continue
-        if zone.kind != CROSS and zone.kind != MERGE:
-            continue
         to_zone = zone.begin - longer(me.length, False) - place
-        if to_zone < 0.0:
-            continue
         enters = _time_to(to_zone, speed, wanted, strength)
         crossing = zone.other_end + theirs - other.s
         if to_other <= 0.0:
-            if enters < crossing / max(v[j].speed, 0.3) + _MARGIN:
-                free = min(free, _to_stop(speed, to_zone - _MARGIN, one.braking))
+            there = mapped(site, own.route, other.route, other.s)
+            if zone.kind != CROSS and (there > place or (there == place and j < i)):
+                free = _follow(w, i, j, there - place - half, wanted, idm, free)
+                room = min(room, _kept_free(w, i, j, there, site))
+                continue
+            if to_zone >= 0.0 and enters < crossing / max(v[j].speed, 0.3) + _MARGIN:
+                own.most = min(own.most, _to_stop(speed, to_zone - _MARGIN, one.braking))
+        if to_zone < 0.0 and to_other <= _SOON * v[j].speed + _MARGIN:
+            waits = zone.goes_first == 0 and (zone.yields != 0 or j < i)
+            ahead = _room_along(w, i, j, strength if waits else 0.0, site)
+            if ahead < np.inf:
+                own.most = min(own.most, _to_stop(speed, ahead - _CLOSE, one.braking))
+        if to_other <= 0.0 or to_zone < 0.0 or (zone.kind != CROSS and zone.kind != MERGE):
             continue
         owes, arrival = _arrival(w, i, j, to_other, clock, on_red, site)
+        if owes == 0 and zone.yields == 0 and zone.goes_first == 0 and arrival < enters:
+            owes = 1
         if owes == 0 or arrival + (crossing - to_other) / max(v[j].speed, 1.0) + _MARGIN < enters:
             continue
-        if owes == 1 or zone.begin < own.cleared:
+        if owes == 1 or (zone.begin < own.cleared and speed >= _UNDER_WAY):
             leaves = enters + (end - place - to_zone) / max(speed, 2.0)
             if arrival < leaves + _MARGIN and arrival < enters + 1.0:
-                free = min(free, _to_stop(speed, to_zone - _MARGIN, one.braking))
+                own.most = min(own.most, _to_stop(speed, to_zone - _MARGIN, one.braking))
             continue
         reaches = max(0.0, to_zone - 1.0) / max(speed, 3.0)
         agents[j].ratio = (arrival - reaches) / _critical_gap(w, i, j, zone.kind, site)
@@ -299,9 +379,10 @@ def look_as_driver(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
             until = zone.until
     if nearest < np.inf and not lit:
         worst = _worst(w, i, until)
-        room = nearest - longer(me.length, False) - place - _MARGIN
-        now = (speed < 1.0 and room < _AT_LINE) or room - speed < 0.5 * speed * speed / one.braking
-        if now and 0.5 * speed * speed <= _HARDEST * max(room, 0.1):
+        left = nearest - longer(me.length, False) - place - _MARGIN
+        now = (speed < 1.0 and left < _AT_LINE) or left - speed < 0.5 * speed * speed / one.braking
+        room = min(room, left)
+        if now and 0.5 * speed * speed <= _HARDEST * max(left, 0.1):
             taken = sure(agents[worst].ratio, one.gap_error)
             misses = one.overlooks_person if v[worst].kind == PERSON else one.overlooks_vehicle
             if own.heeds == worst:
@@ -325,6 +406,11 @@ def _worst(w: World, i: int, until: float) -> int:
     agents, found = w.agents, NO_VEHICLE
     for k in range(w.state[0].n_current):
         j = w.current[k]
-        if j != i and agents[j].ratio < np.inf and agents[j].begins <= until and (found < 0 or agents[j].ratio < agents[found].ratio):
+        if (
+            j != i
+            and agents[j].ratio < np.inf
+            and agents[j].begins <= until
+            and (found < 0 or agents[j].ratio < agents[found].ratio)
+        ):
             found = j
     return found

@@ -6,12 +6,13 @@ are speeds here. The laws are in docs/sites.md.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cornerforge._jit import kernel
-from cornerforge.sim.site.look import BLIND, LOOKED, OBEYS, sure, will_stop
+from cornerforge.sim.site.look import BLIND, LOOKED, OBEYS, room_before, sure, will_stop
 from cornerforge.sim.world import NO_VEHICLE
 from cornerforge.site.tables import CROSS, GREEN, RED, YELLOW, letter_at, longer, walk_letter
 from cornerforge.types import PERSON
@@ -28,6 +29,10 @@ AT_KERB = 0.05
 _STANDS = 0.5
 _JUDGED = 0.2
 """Spread with which people judge the time until a vehicle comes."""
+_CAN_BRAKE = 6.0
+"""Twice the braking that a person trusts a driver to do a second later [m/s2]."""
+_STOPS_WITHIN = 1.5
+"""A person stops for a vehicle that stands in its way so far ahead [s]."""
 _BRAKES = 0.3
 _NEEDED = 2.5
 """A vehicle that must brake harder than this for a person on the road is a threat [m/s2]."""
@@ -47,7 +52,7 @@ def look_as_walker(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
     waits = place <= AT_KERB
     light = walk_letter(site, own.route, clock)
     goes_first = row.signal >= 0 and light == GREEN
-    worst, threat, needed = np.inf, NO_VEHICLE, 0.0
+    worst, threat, needed, blocked = np.inf, NO_VEHICLE, 0.0, False
     for k in range(w.state[0].n_current):
         j = w.current[k]
         if v[j].kind == PERSON:
@@ -58,24 +63,30 @@ def look_as_walker(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
             continue
         theirs = longer(v[j].length, False)
         left = zone.other_end + theirs - other.s
-        if place > zone.end or place >= zone.begin or left < 0.0:
+        if place > zone.end or left < 0.0:
             continue
         if row.signal < 0 and zone.goes_first:
             goes_first = True
         enters, leaves = (zone.begin - place) / wished, (zone.end - place) / wished
         room = zone.other_begin - theirs - other.s
         speed = v[j].speed
+        if place >= zone.begin and not waits:
+            blocked = blocked or (room <= 0.0 and room_before(w, i, j) < wished)
+            continue
         arrival, ratio_from = 0.0, 0.0
         if room <= 0.0:
             if left / max(speed, 0.3) < enters:
                 continue
+            blocked = blocked or (not waits and enters < _STOPS_WITHIN)
         else:
             if speed < _STANDS or _is_stopping(w, j, room, clock, site):
                 continue
-            arrival = room / speed
+            arrival = _soonest(room, speed)
             if left / speed < enters:
                 continue
             ratio_from = arrival - enters
+            if arrival < leaves + 0.5 and room < (speed + 1.5) * (1.2 + (speed + 1.5) / _CAN_BRAKE):
+                ratio_from = 0.0
         gap = max(ratio_from, 0.0)
         if gap < worst and arrival < leaves + 6.0:
             worst = gap
@@ -87,7 +98,9 @@ def look_as_walker(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
     own.for_whom = threat
     own.until = row.length
     own.unseen = 0
-    if own.marks & BLIND:
+    if blocked:
+        own.goes = 0.0
+    elif own.marks & BLIND:
         own.goes = 1.0
     elif not waits:
         frightened = threat >= 0 and worst < one.gives_way * own.manners and needed > _NEEDED
@@ -110,6 +123,12 @@ def _leaves_chance(one: NDArray[np.void], own: NDArray[np.void], worst: float, f
         own.unseen = 1 if chance < one.walks_blindly else 0
         chance += (1.0 - chance) * one.walks_blindly
     return chance
+
+
+@kernel
+def _soonest(room: float, speed: float) -> float:
+    """Compute when a vehicle is there that accelerates by 1 m/s2 [s]."""
+    return math.sqrt(speed * speed + 2.0 * room) - speed
 
 
 @kernel

@@ -27,7 +27,17 @@ if TYPE_CHECKING:
     from cornerforge.sim.setting import Setting
     from cornerforge.sim.world import World
 
-__all__ = ["bring_in", "decide_at_site", "ends_at_site", "find_pairs_at_site", "has_arrived", "leave", "look_around", "move_agent", "warm_second"]
+__all__ = [
+    "bring_in",
+    "decide_at_site",
+    "ends_at_site",
+    "find_pairs_at_site",
+    "has_arrived",
+    "leave",
+    "look_around",
+    "move_agent",
+    "warm_second",
+]
 
 _ROOM, _COMFORTABLE = 3.0, 3.0
 """Room that a vehicle needs to come in behind another [m], and the braking with which it could stop then [m/s2]."""

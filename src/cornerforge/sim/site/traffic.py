@@ -11,10 +11,11 @@ from cornerforge._elementary import exp, log
 from cornerforge._jit import inlined_kernel, kernel, shared_kernel
 from cornerforge._philox import PURPOSE_CLASS, PURPOSE_INITIAL, PURPOSE_TRAITS, block, normal_pair, uniform
 from cornerforge.drivers.avs import AvNumbers
+from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.sim.outcome import UNDRAWN
 from cornerforge.sim.site.look import OBEYS, TURNS_ON_RED, WARM_STEP
-from cornerforge.sim.site.second import bring_in, warm_second
-from cornerforge.sim.world import COMES, HERE, NO_ACTION, NO_VEHICLE, list_all
+from cornerforge.sim.site.second import bring_in, find_pairs_at_site, warm_second
+from cornerforge.sim.world import COMES, GONE, HERE, NO_ACTION, NO_VEHICLE, list_all
 from cornerforge.site.tables import WALK, WARM_UP, longer, mapped, pose_at, speed_at
 from cornerforge.site.laws import WALK_SHARES
 from cornerforge.types import CAR, CLASSES, PERSON, TRUCK
@@ -29,7 +30,7 @@ __all__ = ["reset_at_site"]
 
 _LEAST_HEADWAY = 2.0
 """Two vehicles come by one lane at least so long after each other [s]."""
-_TRUCK = (8.0, 2.5)
+_TRUCK = (7.5, 2.3)
 """Length and width of trucks that come to junctions: of deliveries, for which Mcity's turns have room [m]."""
 _PERSON = (CLASSES[PERSON].length, CLASSES[PERSON].width)
 _SHARES = np.array(WALK_SHARES)
@@ -186,6 +187,26 @@ def _put_av(w: World, av: AvNumbers, site: NDArray[np.void]) -> None:
     v[0].x, v[0].y, v[0].heading = pose_at(site, own.route, 0.0)
 
 
+@kernel
+def _part(w: World) -> None:
+    """Take away one of two that touch after the warm-up, in which contacts are not looked for."""
+    v, state = w.vehicles, w.state[0]
+    find_pairs_at_site(w)
+    for k in range(state.n_pairs):
+        a, b = w.pairs[k, 0], w.pairs[k, 1]
+        if (
+            v[a].present
+            and v[b].present
+            and boxes_overlap(
+                Box(v[a].x, v[a].y, v[a].heading, v[a].length, v[a].width),
+                Box(v[b].x, v[b].y, v[b].heading, v[b].length, v[b].width),
+            )
+        ):
+            v[b].present = 0
+            w.agents[b].stage = GONE
+    list_all(w)
+
+
 @shared_kernel
 def reset_at_site(w: World, setting: Setting) -> None:
     """Put a cleared world at the start of its test at a site: traffic that has driven for a while, and the AV.
@@ -216,4 +237,5 @@ def reset_at_site(w: World, setting: Setting) -> None:
     state.controlled = NO_VEHICLE
     _put_av(w, setting.av, site)
     list_all(w)
+    _part(w)
     bring_in(w, site)
