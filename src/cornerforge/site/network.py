@@ -18,7 +18,7 @@ __all__ = ["SITE_FILES", "STEP", "TURNS", "Phase", "Route", "Site", "Turn", "hea
 
 Turn = Literal["straight", "left", "right", "back", "walk"]
 SITE_FILES = {
-    name: Path(__file__).with_name(f"{name}.json") for name in ("mcity-signal",)
+    name: Path(__file__).with_name(f"{name}.json") for name in ("mcity-signal", "mcity-crossing", "mcity-roundabout")
 }
 """Sites that come with cornerforge, of the Mcity test facility: junction NODE_18, its programme of signals mended; the
 crosswalk between junctions at J5 and NODE_27; and its roundabout of four arms. From the University of Michigan's
