@@ -6,7 +6,7 @@ import math
 from dataclasses import fields
 from functools import lru_cache
 from statistics import NormalDist
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,23 +20,25 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 __all__ = [
-    "CROSS", "DIVERGE", "GREEN", "MAX_PHASES", "MAX_PLACES", "MAX_ROUTES", "MERGE", "NOISE_CELLS", "NO_SITE", "NO_ZONE", "RED",
-    "SHARED", "SITE", "WALK", "WARM_UP", "YELLOW", "approaches", "at_site", "letter_at", "longer", "mapped", "place_of", "pose_at",
+    "CROSS", "DIVERGE", "GREEN", "MAX_PHASES", "MAX_PLACES", "MAX_ROUTES", "MEETINGS", "MERGE", "NOISE_CELLS", "NO_SITE", "NO_ZONE", "RED",
+    "SHARED", "SITE", "WALK", "WARM_UP", "WEAVE", "YELLOW", "approaches", "at_site", "letter_at", "longer", "mapped", "place_of", "pose_at",
     "site_numbers", "slots_at", "speed_at",
     "walk_letter", "when_green",
 ]  # fmt: skip
 
 MAX_ROUTES, MAX_PLACES, MAX_PHASES = 64, 512, 32
+MEETINGS = 2
+"""Most zones of two routes."""
 NOISE_CELLS = 21
 """Accelerations about the law's that noise may lead to, the law's own in the middle."""
 """Most routes of a site, places along a route, and phases of its signals."""
-NO_ZONE, CROSS, MERGE, DIVERGE, SHARED = range(5)
+NO_ZONE, CROSS, MERGE, DIVERGE, SHARED, WEAVE = range(6)
 """Kinds of zones of two routes."""
 RED, YELLOW, GREEN, YIELDING_GREEN = range(4)
 """Letters of signals."""
 WALK = TURNS.index("walk")
 _LETTERS = {"r": RED, "y": YELLOW, "G": GREEN, "g": YIELDING_GREEN}
-_KINDS = {"cross": CROSS, "merge": MERGE, "diverge": DIVERGE, "shared": SHARED}
+_KINDS = {"cross": CROSS, "merge": MERGE, "diverge": DIVERGE, "shared": SHARED, "weave": WEAVE}
 WARM_UP = 40.0
 """Traffic drives so long before the AV comes [s]."""
 _ROOM_TO_WAIT = 1.0
@@ -62,7 +64,6 @@ _ROUTE = np.dtype(
         ("signal", "i8"),  # -1: none
         ("approach", "i8"),  # number of the lane, or kerb, that it begins on
         ("weight", "f8"),  # share of the vehicles of its approach
-        ("others", "i8"),  # count of routes with which it has a zone
     ]
 )
 _ZONE = np.dtype(
@@ -88,8 +89,7 @@ SITE = np.dtype(
         ("cycle", "f8"),  # length of the programme [s], 0: no signals
         ("route", _ROUTE, (MAX_ROUTES,)),
         ("place", _PLACE, (MAX_ROUTES, MAX_PLACES)),
-        ("other", "i8", (MAX_ROUTES, MAX_ROUTES)),  # routes with which it has a zone
-        ("zone", _ZONE, (MAX_ROUTES, MAX_ROUTES)),
+        ("zone", _ZONE, (MAX_ROUTES, MAX_ROUTES, MEETINGS)),
         ("phase_ends", "f8", (MAX_PHASES,)),
         ("letters", "i1", (MAX_PHASES, MAX_ROUTES)),
         ("walks", "f8", (7,)),
@@ -201,19 +201,22 @@ def _fill_zones(one: NDArray[np.void], site: Site) -> None:
             (zone.first, zone.second, zone.of_first, zone.of_second, zone.first_yields, zone.second_yields),
             (zone.second, zone.first, zone.of_second, zone.of_first, zone.second_yields, zone.first_yields),
         ):
-            one["zone"][own, other] = (_KINDS[zone.kind], *stretch, *others, yields, first, 0.0)
-            row = one["route"][own]
-            one["other"][own, row["others"]] = other
-            row["others"] += 1
+            met = one["zone"][own, other]
+            known = int((met["kind"] != NO_ZONE).sum())
+            if known == MEETINGS:
+                raise InputError(
+                    f"Routes {site.routes[own].name} and {site.routes[other].name} of {site.name} meet more than "
+                    f"{MEETINGS} times, which cannot be driven."
+                )
+            met[known] = (_KINDS[zone.kind], *stretch, *others, yields, first, 0.0)
     for own in range(len(site.routes)):
         _fill_chains(one, own)
 
 
 def _fill_chains(one: NDArray[np.void], own: int) -> None:
     """Note for each zone of a route where the last one ends that follows without room to wait between them."""
-    others = one["other"][own, : one["route"][own]["others"]]
-    rows = [one["zone"][own, other] for other in others]
-    meet = sorted((row for row in rows if row["kind"] in (CROSS, MERGE)), key=lambda row: -row["begin"])
+    rows = one["zone"][own].reshape(-1)
+    meet = sorted((row for row in rows if row["kind"] in (CROSS, MERGE, WEAVE)), key=lambda row: -row["begin"])
     behind: list[NDArray[np.void]] = []
     for row in meet:  # from the last to the first
         follows = [later for later in behind if later["begin"] < row["end"] + _ROOM_TO_WAIT]
@@ -316,19 +319,13 @@ def walk_letter(site: NDArray[np.void], route: int, clock: float) -> int:
 
 
 @inlined_kernel
-def mapped(site: NDArray[np.void], own: int, other: int, s: float) -> float:
-    """Find the place along the own route that stands for s [m] along another with which it shares a lane.
+def mapped(zone: Any, s: float) -> float:
+    """Find the place along the own route that stands for s [m] along another which shares a lane with it in a zone.
 
-    From where both have come by one lane they are measured; where both leave by one, from its end.
+    Both stretches of such a zone are equally long (`zones.Zone`).
     """
-    zone = site[0].zone[own, other]
-    place = zone.begin + (s - zone.other_begin)
-    if zone.kind == MERGE:
-        place = zone.end - (zone.other_end - s)
-    elif zone.kind == SHARED and zone.other_end > zone.other_begin:
-        place = zone.begin + (s - zone.other_begin) * (zone.end - zone.begin) / (zone.other_end - zone.other_begin)
-    mapped_to: float = place
-    return mapped_to
+    place: float = zone.begin + (s - zone.other_begin)
+    return place
 
 
 @inlined_kernel

@@ -14,7 +14,7 @@ from cornerforge.results.sites import RouteTold, SiteTold
 from cornerforge.results.stating import as_json, from_file
 from cornerforge.site.faults import faults_of
 from cornerforge.site.network import SITE_FILES, Site, with_amber
-from cornerforge.site.zones import Zone, zones_of
+from cornerforge.site.zones import Zone, with_entries_that_yield, zones_of
 from cornerforge.work.files import write_json
 
 __all__ = ["is_faulty", "read_site", "site_check", "site_import", "site_show", "site_text"]
@@ -22,7 +22,7 @@ __all__ = ["is_faulty", "read_site", "site_check", "site_import", "site_show", "
 
 @verb(SiteImport)
 def site_import(options: SiteImport) -> SiteTold:
-    """Take a junction of a SUMO network, and write it as a site file.
+    """Take junctions of a SUMO network, and write them as a site file.
 
     Returns:
         What `cornerforge site import --json` prints.
@@ -34,9 +34,11 @@ def site_import(options: SiteImport) -> SiteTold:
     file, out = Path(options.file), Path(options.out)
     check_new_file(out)
     if not file.name.endswith((".xml", ".xml.gz")):
-        raise InputError(f"{file} is no SUMO network; make one with: netconvert --opendrive {file} -o city.net.xml")
-    site = site_of_sumo(file, options.junction)
+        how = f"netconvert --opendrive {file} -o city.net.xml"
+        raise InputError(f"{file} is no SUMO network; make one (pip install eclipse-sumo) with: {how}")
+    site = site_of_sumo(file, options.junction, reach=options.reach, over=options.over)
     site = with_amber(site) if options.mend_amber else site
+    site = with_entries_that_yield(site) if options.mend_entries else site
     told = _told(site, zones_of(site), (str(out),))
     write_json(out, as_json(site))
     return told
@@ -101,7 +103,7 @@ def _told(site: Site, zones: tuple[Zone, ...], files: tuple[str, ...]) -> SiteTo
         routes=tuple(
             RouteTold(
                 name=route.name, turn=route.turn, length_m=round(route.length, 3), stop_m=route.stop,
-                signal=route.signal, zones=of_route[k], yields_to=len(route.yields_to),
+                signal=route.signal, zones=of_route[k], yields_to=len(set(route.yields_to)),
             )
             for k, route in enumerate(site.routes)
         ),

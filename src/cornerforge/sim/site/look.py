@@ -7,7 +7,7 @@ way, and, where it has to choose between the two, the chance that it goes. The l
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,10 +19,13 @@ from cornerforge.sim.world import ALL_OF_THEM, NO_VEHICLE
 from cornerforge.site.network import TURNS
 from cornerforge.site.tables import (
     CROSS,
+    DIVERGE,
     GREEN,
+    MEETINGS,
     MERGE,
     NO_ZONE,
     RED,
+    SHARED,
     WARM_UP,
     YELLOW,
     letter_at,
@@ -238,7 +241,7 @@ def _kept_free(w: World, i: int, j: int, there: float, site: NDArray[np.void]) -
 
 @inlined_kernel
 def _arrival(
-    w: World, i: int, j: int, room: float, clock: float, on_red: bool, site: NDArray[np.void]
+    w: World, i: int, j: int, zone: Any, room: float, clock: float, on_red: bool, site: NDArray[np.void]
 ) -> tuple[int, float]:
     """Say what slot i owes slot j, which has `room` [m] to their zone, and when that will be there [s].
 
@@ -247,7 +250,6 @@ def _arrival(
     """
     one, agents, v = site[0], w.agents, w.vehicles
     other, row = agents[j], one.route[agents[j].route]
-    zone = one.zone[agents[i].route, other.route]
     speed = v[j].speed
     if v[j].kind == PERSON:
         walks = max(speed, 0.7 * v[j].desired_speed)
@@ -335,48 +337,53 @@ def look_as_driver(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
                 free = _follow(w, i, j, other.s - place - half, wanted, idm, free)
                 room = min(room, _kept_free(w, i, j, other.s, site))
             continue
-        zone = one.zone[own.route, other.route]
-        if zone.kind == NO_ZONE:
-            continue
-        theirs = longer(v[j].length, v[j].kind == PERSON)
-        to_other = zone.other_begin - theirs - other.s
-        end = zone.end + longer(me.length, False)
-        if other.s > zone.other_end + theirs or place > end:
-            continue
-        to_zone = zone.begin - longer(me.length, False) - place
-        enters = _time_to(to_zone, speed, wanted, strength)
-        crossing = zone.other_end + theirs - other.s
-        if to_other <= 0.0:
-            there = mapped(site, own.route, other.route, other.s)
-            if zone.kind != CROSS and (there > place or (there == place and j < i)):
-                free = _follow(w, i, j, there - place - half, wanted, idm, free)
-                room = min(room, _kept_free(w, i, j, there, site))
+        for meeting in range(MEETINGS):
+            zone = one.zone[own.route, other.route, meeting]
+            if zone.kind == NO_ZONE:
+                break
+            theirs = longer(v[j].length, v[j].kind == PERSON)
+            to_other = zone.other_begin - theirs - other.s
+            end = zone.end + longer(me.length, False)
+            if other.s > zone.other_end + theirs or place > end:
                 continue
-            if to_zone >= 0.0 and enters < crossing / max(v[j].speed, 0.3) + _MARGIN:
-                own.most = min(own.most, _to_stop(speed, to_zone - _MARGIN, one.braking))
-        if to_zone < 0.0 and to_other <= _SOON * v[j].speed + _MARGIN:
-            waits = zone.goes_first == 0 and (zone.yields != 0 or j < i)
-            ahead = _room_along(w, i, j, strength if waits else 0.0, site)
-            if ahead < np.inf:
-                own.most = min(own.most, _to_stop(speed, ahead - _CLOSE, one.braking))
-        if to_other <= 0.0 or to_zone < 0.0 or (zone.kind != CROSS and zone.kind != MERGE):
-            continue
-        owes, arrival = _arrival(w, i, j, to_other, clock, on_red, site)
-        if owes == 0 and zone.yields == 0 and zone.goes_first == 0 and arrival < enters:
-            owes = 1
-        if owes == 0 or arrival + (crossing - to_other) / max(v[j].speed, 1.0) + _MARGIN < enters:
-            continue
-        if owes == 1 or (zone.begin < own.cleared and speed >= _UNDER_WAY):
-            leaves = enters + (end - place - to_zone) / max(speed, 2.0)
-            if arrival < leaves + _MARGIN and arrival < enters + 1.0:
-                own.most = min(own.most, _to_stop(speed, to_zone - _MARGIN, one.braking))
-            continue
-        reaches = max(0.0, to_zone - 1.0) / max(speed, 3.0)
-        agents[j].ratio = (arrival - reaches) / _critical_gap(w, i, j, zone.kind, site)
-        agents[j].begins = zone.begin
-        if agents[j].ratio < _NO_DOUBT and zone.begin < nearest:
-            nearest = zone.begin
-            until = zone.until
+            to_zone = zone.begin - longer(me.length, False) - place
+            enters = _time_to(to_zone, speed, wanted, strength)
+            crossing = zone.other_end + theirs - other.s
+            if to_other <= 0.0:
+                there = mapped(zone, other.s)
+                if zone.kind != CROSS and (there > place or (there == place and j < i)):
+                    free = _follow(w, i, j, there - place - half, wanted, idm, free)
+                    room = min(room, _kept_free(w, i, j, there, site))
+                    continue
+                if zone.kind != CROSS and to_zone < 0.0:
+                    continue
+                if to_zone >= 0.0 and enters < crossing / max(v[j].speed, 0.3) + _MARGIN:
+                    own.most = min(own.most, _to_stop(speed, to_zone - _MARGIN, one.braking))
+            if to_zone < 0.0 and to_other <= _SOON * v[j].speed + _MARGIN:
+                waits = zone.goes_first == 0 and (zone.yields != 0 or j < i)
+                ahead = _room_along(w, i, j, strength if waits else 0.0, site)
+                if ahead < np.inf:
+                    own.most = min(own.most, _to_stop(speed, ahead - _CLOSE, one.braking))
+            if to_other <= 0.0 or to_zone < 0.0 or (zone.kind == DIVERGE or zone.kind == SHARED):
+                continue
+            owes, arrival = _arrival(w, i, j, zone, to_other, clock, on_red, site)
+            if owes == 0 and zone.yields == 0 and zone.goes_first == 0 and arrival < enters:
+                owes = 1
+            if owes == 0 or arrival + (crossing - to_other) / max(v[j].speed, 1.0) + _MARGIN < enters:
+                continue
+            if owes == 1 or (zone.begin < own.cleared and speed >= _UNDER_WAY):
+                leaves = enters + (end - place - to_zone) / max(speed, 2.0)
+                if arrival < leaves + _MARGIN and arrival < enters + 1.0:
+                    own.most = min(own.most, _to_stop(speed, to_zone - _MARGIN, one.braking))
+                continue
+            reaches = max(0.0, to_zone - 1.0) / max(speed, 3.0)
+            ratio = (arrival - reaches) / _critical_gap(w, i, j, zone.kind, site)
+            if ratio < agents[j].ratio:
+                agents[j].ratio = ratio
+                agents[j].begins = zone.begin
+            if ratio < _NO_DOUBT and zone.begin < nearest:
+                nearest = zone.begin
+                until = zone.until
     if nearest < np.inf and not lit:
         worst = _worst(w, i, until)
         left = nearest - longer(me.length, False) - place - _MARGIN

@@ -58,7 +58,7 @@ def look_as_walker(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
         if v[j].kind == PERSON:
             continue
         other = agents[j]
-        zone = one.zone[own.route, other.route]
+        zone = one.zone[own.route, other.route, 0]
         if zone.kind != CROSS:
             continue
         theirs = longer(v[j].length, False)

@@ -83,10 +83,10 @@ def _room_at_start(w: World, i: int, site: NDArray[np.void]) -> tuple[float, flo
             continue
         ahead = agents[j].s
         if agents[j].route != route:
-            zone = site[0].zone[route, agents[j].route]
+            zone = site[0].zone[route, agents[j].route, 0]
             if zone.kind == 0 or zone.begin > 0.0 or agents[j].s > zone.other_end:
                 continue
-            ahead = mapped(site, route, agents[j].route, agents[j].s)
+            ahead = mapped(zone, agents[j].s)
         ahead -= 0.5 * (v[i].length + v[j].length)
         if ahead < room:
             room, speed = ahead, v[j].speed

@@ -165,13 +165,13 @@ def _put_av(w: World, av: AvNumbers, site: NDArray[np.void]) -> None:
     for j in range(1, w.state[0].n_vehicles):
         if v[j].present == 0 or v[j].kind == PERSON:
             continue
-        zone = site[0].zone[own.route, agents[j].route]
+        zone = site[0].zone[own.route, agents[j].route, 0]
         ahead = agents[j].s
         if agents[j].route != own.route:
             begins = zone.other_begin - longer(v[j].length, False)
             if zone.kind == 0 or zone.begin > 0.0 or not begins <= agents[j].s <= zone.other_end:
                 continue
-            ahead = mapped(site, own.route, agents[j].route, agents[j].s)
+            ahead = mapped(zone, agents[j].s)
         room = ahead - 0.5 * (v[0].length + v[j].length) - _ROOM
         if room < 0.0:
             v[j].present = 0
