@@ -48,6 +48,8 @@ ACCELERATION_STEP = 0.2
 _BRAKES = 1.5
 """Braking with which a limit or a turn ahead is met [m/s2]."""
 
+_WIDEST = 2.3
+"""Zones are those of vehicles that are this wide [m], as delivery trucks."""
 _SLOW_WALK, _CHANGE_TIME = 1.07, 4.0
 _BODY, _PERSON = BODY[0], PERSON[0]
 
@@ -196,7 +198,7 @@ def _noise_shares(sd: float) -> NDArray[np.float64]:
 
 
 def _fill_zones(one: NDArray[np.void], site: Site) -> None:
-    for zone in zones_of(site):
+    for zone in zones_of(site, _WIDEST):
         for own, other, stretch, others, yields, first in (
             (zone.first, zone.second, zone.of_first, zone.of_second, zone.first_yields, zone.second_yields),
             (zone.second, zone.first, zone.of_second, zone.of_first, zone.second_yields, zone.first_yields),

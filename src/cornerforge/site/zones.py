@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 __all__ = ["BODY", "PERSON", "Zone", "ZoneKind", "with_entries_that_yield", "zones_of"]
 
 ZoneKind = Literal["cross", "merge", "diverge", "shared", "weave"]
-BODY, PERSON = (5.0, 2.3), (0.6, 0.6)
-"""Length and width of a vehicle and of a person for which zones are found [m]: as wide as a delivery truck."""
+BODY, PERSON = (5.0, 2.0), (0.6, 0.6)
+"""Length and width of a vehicle and of a person for which zones are found [m]."""
 _STEP = 0.5
 """Places are tried so far apart [m]; zones are made wider by as much at each end."""
 _ONE_LANE = 0.05
@@ -49,15 +49,15 @@ class Zone(Declared):
     second_yields: Annotated[bool, meant("The second route yields to the first.")]
 
 
-def zones_of(site: Site) -> tuple[Zone, ...]:
+def zones_of(site: Site, width: float = BODY[1]) -> tuple[Zone, ...]:
     """Find the zones of a site, by the first route, then the second, then from where along the first.
 
     Bodies of `BODY` and `PERSON` are put every 0.5 m along both routes, and tried for touch; so a stretch is found to
     half a metre, and is made wider by that. Two routes that meet, part for more than a body's length and meet again
-    have a zone for each meeting. Two routes of people have none.
+    have a zone for each meeting. Two routes of people have none. `width`: of the vehicles [m].
     """
     places = [_places(route) for route in site.routes]
-    sizes = [PERSON if route.turn == "walk" else BODY for route in site.routes]
+    sizes = [PERSON if route.turn == "walk" else (BODY[0], width) for route in site.routes]
     found = []
     for second, two in enumerate(site.routes):
         for first, one in enumerate(site.routes[:second]):

@@ -8,6 +8,7 @@ from pathlib import Path
 from cornerforge._options import verb
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.experiment.output import check_new_file
+from cornerforge.experiment.sites import read_site
 from cornerforge.ext.interchange.options import SiteCheck, SiteImport, SiteShow
 from cornerforge.ext.interchange.sumo_site import site_of_sumo
 from cornerforge.results.sites import RouteTold, SiteTold
@@ -17,7 +18,7 @@ from cornerforge.site.network import SITE_FILES, Site, with_amber
 from cornerforge.site.zones import Zone, with_entries_that_yield, zones_of
 from cornerforge.work.files import write_json
 
-__all__ = ["is_faulty", "read_site", "site_check", "site_import", "site_show", "site_text"]
+__all__ = ["is_faulty", "site_check", "site_import", "site_show", "site_text"]
 
 
 @verb(SiteImport)
@@ -81,19 +82,6 @@ def site_show(options: SiteShow) -> SiteTold:
         save_picture(site_figure(site, zones), out)
         files = (str(out),)
     return _told(site, zones, files)
-
-
-def read_site(name: str | Path) -> Site:
-    """Give a site by its name, or read it from a file that `site import` has written, whatever is wrong with it.
-
-    Raises:
-        UnknownNameError: No site and no file has this name.
-        FileFormatError: The file is damaged, or holds no site.
-    """
-    file = SITE_FILES.get(str(name), Path(name))
-    if not file.is_file():
-        raise UnknownNameError("site", str(name), [*SITE_FILES, "FILE.json"])
-    return from_file(Site, file, "cornerforge site import")
 
 
 def _told(site: Site, zones: tuple[Zone, ...], files: tuple[str, ...]) -> SiteTold:

@@ -15,6 +15,7 @@ from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.ext.interchange.read_sumo import Connection, Name, Net, read_shape, read_sumo
 from cornerforge.ext.interchange.sumo_ways import Chain, RightOfWay, chains_of, junction_of
 from cornerforge.ext.interchange.xml_input import Element, read_xml
+from cornerforge.site.mending import with_kerbs
 from cornerforge.site.network import STEP, Phase, Route, Site, Turn, headings_of
 
 __all__ = ["REACH", "site_of_sumo"]
@@ -91,11 +92,13 @@ def site_of_sumo(path: Path, junctions: str, *, reach: float = REACH, over: bool
     if len(routes) > _MOST:
         raise InputError(f"More than {_MOST} routes lead over {junctions}; take fewer junctions.")
     several = len(wanted) > 1 or over
-    return Site(
-        name=f"{path.name.partition('.')[0]} {junctions}",
-        routes=tuple(_with_right_of_way(routes, passed, rules, several=several)),
-        programme=_programme(top, routes, [way for chain in chains for way in chain], notes),
-        notes=tuple(dict.fromkeys(notes)),
+    return with_kerbs(
+        Site(
+            name=f"{path.name.partition('.')[0]} {junctions}",
+            routes=tuple(_with_right_of_way(routes, passed, rules, several=several)),
+            programme=_programme(top, routes, [way for chain in chains for way in chain], notes),
+            notes=tuple(dict.fromkeys(notes)),
+        )
     )
 
 
