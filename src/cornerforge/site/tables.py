@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cornerforge._jit import inlined_kernel
+from cornerforge._philox import PURPOSE_INITIAL, block, uniform
 from cornerforge.errors import InputError
 from cornerforge.site.laws import Demand, Laws
 from cornerforge.site.network import TURNS, Site, headings_of
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CROSS", "DIVERGE", "GREEN", "MAX_PHASES", "MAX_PLACES", "MAX_ROUTES", "MEETINGS", "MERGE", "NOISE_CELLS", "NO_SITE", "NO_ZONE", "RED",
-    "SHARED", "SITE", "WALK", "WARM_UP", "WEAVE", "YELLOW", "approaches", "at_site", "letter_at", "longer", "mapped", "place_of", "pose_at",
+    "SHARED", "SITE", "WALK", "WARM_UP", "WEAVE", "YELLOW", "approaches", "at_site", "clock_at_start", "letter_at", "longer", "mapped", "place_of", "pose_at",
     "site_numbers", "slots_at", "speed_at",
     "walk_letter", "when_green",
 ]  # fmt: skip
@@ -260,6 +261,13 @@ def speed_at(site: NDArray[np.void], route: int, s: float) -> float:
     here, after = site[0].place[route, k], site[0].place[route, k + 1]
     speed: float = here.speed + part * (after.speed - here.speed)
     return speed
+
+
+@inlined_kernel
+def clock_at_start(site: NDArray[np.void], seed: int, test: int) -> float:
+    """Draw the time of the programme of the signals at which a test begins [s]; it is a function of the test's name."""
+    clock: float = site[0].cycle * uniform(block(seed, test, 0, 0, PURPOSE_INITIAL)[2])
+    return clock
 
 
 @inlined_kernel
