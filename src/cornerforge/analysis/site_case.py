@@ -27,7 +27,7 @@ from cornerforge.recordings import Recordings
 from cornerforge.road.straight import RoadNumbers, road_numbers
 from cornerforge.site.network import TURNS, Route, Site
 from cornerforge.site.tables import (
-    CROSS, MEETINGS, NO_ZONE, RED, clock_at_start, letter_at, longer, mapped, walk_letter,
+    CROSS, MEETINGS, NO_ZONE, RED, clock_at_start, letter_at, longer, walk_letter,
 )  # fmt: skip
 from cornerforge.types import FRAME_S, PERSON, Odd
 
@@ -173,6 +173,12 @@ class SiteCase:
             return False, -2
         return True, frame
 
+    @property
+    def is_behind_partner(self) -> bool:
+        """Is the AV behind its partner at the contact, along its own heading?"""
+        dx, dy = (float(v[-1, self.partner] - v[-1, 0]) for v in (self.x, self.y))
+        return dx * math.cos(self.heading[-1, 0]) + dy * math.sin(self.heading[-1, 0]) > 0.0
+
     @cached_property
     def in_line(self) -> NDArray[np.float64]:
         """Where each agent is along the AV's route if it is on it or in a lane of it, NaN else, (T, N) [m]."""
@@ -187,7 +193,7 @@ class SiteCase:
             for row in table[self.route[j]]:
                 if row["kind"] in (NO_ZONE, CROSS):
                     continue
-                there = mapped(row, self.s[:, j])
+                there = row["begin"] + (self.s[:, j] - row["other_begin"])
                 inside = (self.s[:, j] >= row["other_begin"]) & (self.s[:, j] <= row["other_end"])
                 beside = np.abs(np.sin(self.heading[:, j] - self.heading[:, 0])) < _IN_LINE
                 out[:, j] = np.where(inside & beside & self._near_route(j, there), there, out[:, j])

@@ -45,6 +45,7 @@ class SpeedSearch(NamedTuple):
         parent, choice: The state before, and which acceleration led from there, (nodes,).
         seen: Number of the layer that saw a state, by its rounded values.
         counts: [number of the layer].
+        boxes: Sets of places and speeds of two moments, (2, boxes, 4).
     """
 
     state: NDArray[np.float64]
@@ -52,6 +53,7 @@ class SpeedSearch(NamedTuple):
     choice: NDArray[np.int64]
     seen: NDArray[np.int32]
     counts: NDArray[np.int64]
+    boxes: NDArray[np.float64]
 
 
 def allocate_speed_search() -> SpeedSearch:
@@ -59,6 +61,7 @@ def allocate_speed_search() -> SpeedSearch:
     return SpeedSearch(
         np.empty((_NODES, 3)), np.empty(_NODES, np.int64), np.empty(_NODES, np.int64),
         np.zeros((_PLACES, _SPEEDS, _RATES), np.int32), np.zeros(1, np.int64),
+        np.empty((2, _BOXES, 4)),
     )  # fmt: skip
 
 
@@ -246,14 +249,14 @@ def search_speeds(
 @kernel
 def may_exist(
     forbidden: NDArray[np.bool_], row: int, place: float, speed: float, begin: float, hardest: float, strongest: float,
-    most: float,
+    most: float, scratch: SpeedSearch,
 ) -> bool:  # fmt: skip
     """Say whether a way out may exist: a set of places and speeds that holds all that the AV can reach is not empty.
 
     In each gap between forbidden places it is a box of places and speeds; speeds change by at most `hardest` down and
     `strongest` up [m/s2], at once, and stay in [0, `most`] [m/s]. A gap of less than `GRID` counts as none.
     """
-    boxes, made = np.empty((_BOXES, 4)), np.empty((_BOXES, 4))
+    boxes, made = scratch.boxes[0], scratch.boxes[1]
     boxes[0, 0], boxes[0, 1], boxes[0, 2], boxes[0, 3] = place, place, speed, speed
     n = 1
     places = forbidden.shape[1]
