@@ -13,6 +13,7 @@ from cornerforge.analysis.mechanism import (
     lane_in,
     mechanism_of,
 )
+from cornerforge.analysis.site_words import what_happened_at_site
 from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S, Scenario
 
@@ -28,6 +29,8 @@ def what_happened(scenario: Scenario) -> str:
     Raises:
         InputError: There is no crash of the AV, or the recording does not hold its contact.
     """
+    if scenario.odd.site is not None:
+        return what_happened_at_site(scenario)
     frame, partner = scenario.contact()
     name = mechanism_of(scenario).plain
     mover = {"bv-side": partner, "av-rear-bv-cut-in": partner, "bv-rear-bv-change": partner}.get(name)

@@ -32,7 +32,7 @@ from cornerforge.analysis.fault import LEFT_BEFORE, LEFT_ON_DONT_WALK, NO_RULE, 
 from cornerforge.analysis.site_case import SiteCase
 from cornerforge.analysis.site_fault import AT_SITE, broken_at_site
 from cornerforge.counterfactual import (
-    SpeedSearch, carry_on, drive_profile, forbid, may_exist, search_speeds, touched,
+    SpeedSearch, carry_on, drive_profile, first_touch, forbid, may_exist, search_speeds,
 )  # fmt: skip
 from cornerforge.drivers.careful import CC_BRAKING, CC_DELAY
 from cornerforge.site.tables import pose_at
@@ -41,7 +41,10 @@ from cornerforge.types import FRAME_S
 if TYPE_CHECKING:
     from cornerforge.analysis.avoidability import AvoidParams
 
-__all__ = ["CarefulAtSite", "Future", "SiteWaysOut", "careful_at_site", "future_of", "manoeuvre_at_site", "ways_out_at_site"]
+__all__ = [
+    "CarefulAtSite", "SiteWaysOut", "careful_at_site", "manoeuvre_at_site", "others_at_site", "poses_on_route", "touches_at",
+    "ways_out_at_site",
+]  # fmt: skip
 
 GRID = 0.1
 _COMFORTABLE, _COMMITTED = 3.0, 4.0
@@ -56,23 +59,6 @@ OTHER_MOVES, OTHER_BRAKES, AV_MOVES, AV_BRAKES, APPROACH, OTHER_CROSSES, AV_CROS
 
 
 @dataclass(frozen=True)
-class Future:
-    """The others up to the end of a horizon, and what they forbid of the AV's route.
-
-    Attributes:
-        s: Places of all agents along their routes, (frames, N) [m], NaN where absent; the AV's end at the contact.
-        forbidden: (frames from `first` on, places `GRID` apart from `begin` on).
-        first: Frame of the first row of `forbidden`.
-        begin: Place of its first column [m].
-    """
-
-    s: NDArray[np.float64]
-    forbidden: NDArray[np.bool_]
-    first: int
-    begin: float
-
-
-@dataclass(frozen=True)
 class SiteWaysOut:
     """Latest ways out of one crash; frames, -1 for none.
 
@@ -82,7 +68,8 @@ class SiteWaysOut:
         latest: Latest frame from which any accelerations help.
         commands: Accelerations of the way out from `latest`, one each tenth of a second [m/s2].
         track: Place, speed, acceleration along the route from `latest` on, (W, 3).
-        proven: There is no way out from the begin on, and none can exist; or there is one.
+        proven: There is no way out in time, and none can exist; or there is one.
+        in_time: There is one from the begin on, or from so long after it as a driver that reacts needs.
     """
 
     manoeuvre: int
@@ -92,6 +79,7 @@ class SiteWaysOut:
     commands: NDArray[np.float64]
     track: NDArray[np.float64]
     proven: bool
+    in_time: bool
 
 
 @dataclass(frozen=True)
@@ -115,26 +103,31 @@ class CarefulAtSite:
     holds: bool
     sees: int
     begin: int
-    braking_mps2: float = field(metadata={"unit": "m/s2"})
     track: NDArray[np.float64]
+    braking_mps2: float = field(metadata={"unit": "m/s2"})
 
 
-def future_of(case: SiteCase, horizon: int, lookback: int, only_partner: bool = False) -> Future:
-    """Let the others go on after the contact for some frames, and find what they forbid from some frames before it."""
+def others_at_site(case: SiteCase, params: AvoidParams) -> NDArray[np.float64]:
+    """Give the places of all agents along their routes, (frames, N) [m], to the end of the horizon; NaN where absent."""
+    horizon = round(params.horizon_s / FRAME_S)
     s = np.concatenate([case.s, np.full((horizon, case.route.size), np.nan)])
     behind = case.in_line[-1] < case.s[-1, 0]
     behind[case.partner] = False
-    if only_partner:
+    if params.others == "partner":
         behind = np.arange(case.route.size) != case.partner
     rate = np.nan_to_num(case.acceleration[-1])
     carry_on(case.road.site, case.route, case.last, behind, s, np.nan_to_num(case.speed[-1]), rate)
-    first = max(0, case.last - lookback)
+    return s
+
+
+def _forbidden(case: SiteCase, s: NDArray[np.float64], first: int) -> tuple[NDArray[np.bool_], float]:
+    """Find the places that the others forbid from a frame on, (frames, places `GRID` apart), and the first place [m]."""
     begin = float(case.s[first, 0]) - 1.0
     most = float(np.nanmax(case.speed[first:, 0])) + 2.0
     end = min(begin + most * 1.5 * (len(s) - first) * FRAME_S + 5.0, float(case.way(0).length) + 1.0)
     forbidden = np.zeros((len(s) - first, max(2, math.ceil((end - begin) / GRID) + 1)), np.bool_)
     forbid(case.road.site, case.route, case.sizes, s, first, begin, forbidden)
-    return Future(s, forbidden, first, begin)
+    return forbidden, begin
 
 
 def _state(case: SiteCase, frame: int) -> tuple[float, float, float]:
@@ -150,59 +143,55 @@ def _driven(case: SiteCase, frame: int, commands: NDArray[np.float64]) -> NDArra
     return track
 
 
-def first_touched(case: SiteCase, future: Future, frame: int, track: NDArray[np.float64]) -> int:
+def touches_at(case: SiteCase, s: NDArray[np.float64], frame: int, track: NDArray[np.float64]) -> int:
     """Find the first frame in which the AV's box on a track from a frame on touches another; -1: none."""
-    for k in range(len(track)):
-        if touched(case.road.site, case.route, case.sizes, future.s, frame + k, track[k, 0]) >= 0:
-            return frame + k
-    return -1
+    return int(first_touch(case.road.site, case.route, case.sizes, s, frame, track))
 
 
-def _held(case: SiteCase, future: Future, frame: int, command: float) -> tuple[bool, NDArray[np.float64]]:
+def _held(
+    case: SiteCase, s: NDArray[np.float64], frame: int, command: float
+) -> tuple[bool, NDArray[np.float64]]:  # fmt: skip
     """Let the AV hold a command from a frame to the end; say whether it touches nobody."""
-    track = _driven(case, frame, np.full(len(future.s) - 1 - frame, command))
-    return first_touched(case, future, frame, track) < 0, track
+    track = _driven(case, frame, np.full(len(s) - 1 - frame, command))
+    return touches_at(case, s, frame, track) < 0, track
 
 
 def ways_out_at_site(case: SiteCase, params: AvoidParams, scratch: SpeedSearch) -> SiteWaysOut:
     """Look for the latest moments from which braking alone, and any accelerations, avoid all contact."""
-    horizon, lookback = round(params.horizon_s / FRAME_S), round(params.lookback_s / FRAME_S)
-    future = future_of(case, horizon, lookback, params.others == "partner")
+    first = max(0, case.last - round(params.lookback_s / FRAME_S))
+    s = others_at_site(case, params)
+    forbidden, origin = _forbidden(case, s, first)
     manoeuvre, begin = manoeuvre_at_site(case)
+    may = begin if manoeuvre in (AV_BRAKES, AV_CROSSES) else begin + round(params.delay_s / FRAME_S)
     hardest, strongest = -min(params.accelerations_mps2), max(params.accelerations_mps2)
     every = round(params.decision_s / FRAME_S)
     commands = np.array(params.accelerations_mps2)
     braking = latest = -1
-    for frame in range(case.last - 1, future.first - 1, -1):
-        if _held(case, future, frame, -hardest)[0]:
+    for frame in range(case.last - 1, first - 1, -1):
+        if _held(case, s, frame, -hardest)[0]:
             braking = frame
             break
-    gave_up, found = False, np.empty(0)
-    room = np.empty(len(future.s))
-    for frame in range(case.last - 1, future.first - 1, -1):
-        row = frame - future.first
+    found = np.empty(0)
+    room = np.empty(len(s))
+    for frame in range(case.last - 1, first - 1, -1):
         count = search_speeds(
-            future.forbidden, row, _state(case, frame), future.begin, commands, every, case.road, scratch, room
+            forbidden, frame - first, _state(case, frame), origin, commands, every, case.road, scratch, room
         )
-        gave_up |= count < 0
         if count <= 0:
             continue
-        profile = np.repeat(room[:count], every)[: len(future.s) - 1 - frame]
-        if first_touched(case, future, frame, _driven(case, frame, profile)) < 0:
+        profile = np.repeat(room[:count], every)[: len(s) - 1 - frame]
+        if touches_at(case, s, frame, _driven(case, frame, profile)) < 0:
             latest, found = frame, profile
             break
     if braking > latest:
-        latest, found = braking, np.full(len(future.s) - 1 - braking, -hardest)
-    row = max(begin, future.first) - future.first
-    proven = latest >= begin or (
-        not gave_up
-        and not may_exist(
-            future.forbidden, row, *_state(case, max(begin, future.first))[:2], future.begin, hardest, strongest,
-            case.road.max_speed, scratch,
-        )
-    )  # fmt: skip
+        latest, found = braking, np.full(len(s) - 1 - braking, -hardest)
+    start = min(max(may, first), case.last)
+    place, speed, _ = _state(case, start)
+    proven = latest >= may or not may_exist(
+        forbidden, start - first, place, speed, origin, hardest, strongest, case.road.max_speed, scratch
+    )
     track = _driven(case, latest, found) if latest >= 0 else np.empty((0, 3))
-    return SiteWaysOut(manoeuvre, begin, braking, latest, found, track, proven)
+    return SiteWaysOut(manoeuvre, begin, braking, latest, found, track, proven, latest >= may)
 
 
 def poses_on_route(case: SiteCase, track: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -250,25 +239,26 @@ def _of_following(case: SiteCase) -> tuple[int, int]:
     return APPROACH, max(case.first, int(faster[-1]) + 1 if faster.size else 0)
 
 
-def careful_at_site(case: SiteCase, future: Future, reaction_s: float | None = None) -> CarefulAtSite:
+def careful_at_site(case: SiteCase, params: AvoidParams, reaction_s: float | None = None) -> CarefulAtSite:
     """Let a careful driver drive in the AV's place; `reaction_s`: from danger to braking, None: its own."""
-    keeps = _keeps_rules(case, future)
+    s = others_at_site(case, params)
+    keeps = _keeps_rules(case, s)
     sees = _sees_danger(case)
     delay = _SEES_S + CC_DELAY if reaction_s is None else reaction_s
     start = sees + round(delay / FRAME_S) if sees >= 0 else -1
     brakes = holds = False
     begin, track = -1, np.empty((0, 3))
     if 0 <= start < case.last:
-        brakes, track = _held(case, future, start, -CC_BRAKING)
+        brakes, track = _held(case, s, start, -CC_BRAKING)
         begin = start
-        holds = _held(case, future, sees, 0.0)[0]
+        holds = _held(case, s, sees, 0.0)[0]
     if keeps is not None:
         begin, track = keeps
     hardest = -float(track[:, 2].min(initial=0.0))
-    return CarefulAtSite(keeps is not None or brakes, keeps is not None, brakes, holds, sees, begin, hardest, track)
+    return CarefulAtSite(keeps is not None or brakes, keeps is not None, brakes, holds, sees, begin, track, hardest)
 
 
-def _keeps_rules(case: SiteCase, future: Future) -> tuple[int, NDArray[np.float64]] | None:
+def _keeps_rules(case: SiteCase, s: NDArray[np.float64]) -> tuple[int, NDArray[np.float64]] | None:
     """Where the AV broke a rule, stop before the zone, or its line, with comfortable braking: begin and track, or None.
 
     None, too, where it cannot, from the first frame looked at on, or is touched all the same.
@@ -276,10 +266,10 @@ def _keeps_rules(case: SiteCase, future: Future) -> tuple[int, NDArray[np.float6
     broken = broken_at_site(case, AT_SITE)
     if broken is None or broken.av[0] == NO_RULE:
         return None
-    begin = max(future.first, commits(case, 0, at_line=broken.av[0] == RAN_RED, braking=_COMFORTABLE) - 3)
+    begin = max(case.first, commits(case, 0, at_line=broken.av[0] == RAN_RED, braking=_COMFORTABLE) - 3)
     if begin >= case.last:
         return None
-    free, track = _held(case, future, begin, -_COMFORTABLE)
+    free, track = _held(case, s, begin, -_COMFORTABLE)
     return (begin, track) if free else None
 
 

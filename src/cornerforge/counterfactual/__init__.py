@@ -19,11 +19,11 @@ if TYPE_CHECKING:
         allocate_speed_search,
         carry_on,
         drive_profile,
+        first_touch,
         forbid,
         may_exist,
         places_along,
         search_speeds,
-        touched,
     )
     from cornerforge.counterfactual.begin import MANOEUVRES, OWN_MANOEUVRES
     from cornerforge.counterfactual.braking import Braking, is_avoidable
@@ -64,6 +64,7 @@ __all__ = [
     "allocate_ways_out",
     "carry_on",
     "drive_profile",
+    "first_touch",
     "forbid",
     "is_avoidable",
     "judge_cases",
@@ -72,7 +73,6 @@ __all__ = [
     "places_along",
     "search_cases",
     "search_speeds",
-    "touched",
 ]
 
 FOR_PROGRAMS = ("BRAKING", "COMBINED", "STEERING")
@@ -102,7 +102,7 @@ __getattr__ = door(
         "may_exist": "at_site",
         "places_along": "at_site",
         "search_speeds": "at_site",
-        "touched": "at_site",
+        "first_touch": "at_site",
         "Judgements": "careful",
         "JudgeScratch": "careful",
         "allocate_judge_scratch": "careful",

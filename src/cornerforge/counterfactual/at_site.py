@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from cornerforge.road.straight import RoadNumbers
 
-__all__ = ["SpeedSearch", "allocate_speed_search", "carry_on", "drive_profile", "forbid", "may_exist", "places_along", "search_speeds", "touched"]
+__all__ = ["SpeedSearch", "allocate_speed_search", "carry_on", "drive_profile", "first_touch", "forbid", "may_exist", "places_along", "search_speeds"]
 
 GRID = 0.1
 """Places along the route are tried so far apart [m]."""
@@ -142,6 +142,18 @@ def touched(
         if abs(ox - x) < reach and abs(oy - y) < reach:
             if boxes_overlap(own, Box(ox, oy, other, sizes[j, 0], sizes[j, 1])):
                 return j
+    return -1
+
+
+@kernel
+def first_touch(
+    site: NDArray[np.void], routes: NDArray[np.int64], sizes: NDArray[np.float64], s: NDArray[np.float64], frame: int,
+    track: NDArray[np.float64],
+) -> int:  # fmt: skip
+    """Find the first frame in which the AV touches another on a track, (W, 3), from a frame on; -1: none."""
+    for k in range(track.shape[0]):
+        if touched(site, routes, sizes, s, frame + k, track[k, 0]) >= 0:
+            return frame + k
     return -1
 
 

@@ -57,6 +57,7 @@ def analyse(options: Analyse) -> Analysed:
         CornerForgeError: The library cannot be read or is empty, or an argument is out of range.
     """
     from cornerforge.analysis import analyse as analyse_history
+    from cornerforge.analysis.site_case import in_av_frame
 
     check_integer("seed", options.seed, low=0, high=2**32 - 1)
     looks = _looks(options.avoidability)
@@ -83,6 +84,8 @@ def analyse(options: Analyse) -> Analysed:
         open_output(Path(options.out), identity, resume=True)
     options.progress("analyse", 0, len(cases))
     ids, history = cases.history()
+    if cases.odd.site is not None:  # so that features, and faces of the contact, mean what they do on roads
+        history = in_av_frame(history)
     length, width = cases.sizes()
     found = analyse_history(
         ids, history, steps=options.steps, seed=options.seed, vehicle_length=length, vehicle_width=width
