@@ -8,7 +8,7 @@ The other agent is the one that the AV touched. Which kind of crash it was is to
 - the routes cross, one turns left, and the two faced each other, more than 90 degrees apart, both on the approach and
   at the contact: `left-across-by-av`, `left-across-by-bv`;
 - the routes cross otherwise: `angle`;
-- they share a lane before or behind: `sideswipe`; they never meet: `other-at-site`.
+- they share a lane before or behind, or cross with less than 40 degrees: `sideswipe`; never meet: `other-at-site`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.analysis.contact import FRONT, REAR, find_contact
-from cornerforge.counterfactual import places_along
+from cornerforge.counterfactual import places_along, rooms_to
 from cornerforge.recordings import Recordings
 from cornerforge.road.straight import RoadNumbers, road_numbers
 from cornerforge.site.network import TURNS, Route, Site
@@ -135,10 +135,25 @@ class SiteCase:
         names = ("begin", "end") if i == 0 else ("other_begin", "other_end")
         return float(self.zone[names[0]]) - more, float(self.zone[names[1]]) + more
 
+    @cached_property
+    def rooms(self) -> NDArray[np.float64]:
+        """How far AV (0) and partner (1) are in each frame from touching the other where that is then [m], (2, T).
+
+        +inf where the other is not in its way.
+        """
+        out = np.empty((2, self.last + 1))
+        for row, (i, j) in enumerate(((self.partner, 0), (0, self.partner))):
+            rooms_to(self.road.site, self.route, self.sizes, self.s, i, j, out[row])
+        return out
+
+    def room(self, i: int, frame: int) -> float:
+        """Look up `rooms` of agent i, AV or partner."""
+        return float(self.rooms[int(i != 0), frame])
+
     def enters(self, i: int) -> int:
-        """First frame from which on agent i is in the zone, or behind it."""
-        before = self.s[:, i] < self.zone_of(i)[0]
-        return min(int(np.flatnonzero(before)[-1]) + 1, self.last) if before.any() else self.first
+        """First frame from which on agent i, AV or partner, is in the other's way, until they touch."""
+        free = np.flatnonzero(np.isinf(self.rooms[int(i == 0)]))
+        return min(int(free[-1]) + 1, self.last) if free.size else 0
 
     def passes_line(self, i: int) -> int:
         """First frame in which the front of vehicle i is past its stop line; -1: it was from the start, or never is."""
@@ -269,7 +284,7 @@ def kind_at_site(case: SiteCase) -> str:
     sectors = int(faces.av_sector[0]), int(faces.bv_sector[0])
     if one_lane and apart < _SAME and sectors in ((FRONT, REAR), (REAR, FRONT)):
         return "rear-end-by-av" if sectors == (FRONT, REAR) else "rear-end-by-bv"
-    if one_lane:
+    if one_lane or (meets != NO_ZONE and apart < _SAME):
         return "sideswipe"
     if meets == NO_ZONE:
         return "other-at-site"

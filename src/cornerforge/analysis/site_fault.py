@@ -5,14 +5,15 @@ RSS says of routes that cross that right of way is given and not taken. So, for 
 1. *Light.* A vehicle whose front passes its stop line on red is at fault from then on, and has no right of way. A right
    turn on red after a stop is none, but yields to all.
 2. *Right of way*, where the site says that one of two routes yields in the zone in which they met. The one that yields
-   is at fault if, when it came into the zone, the other was in it or could no longer stop before it: within its
-   response time it speeds up, then it brakes with `min_braking` (RSS). If the other could, the gap was enough.
-   Where neither yields, the one that came later yields to the one that is in the zone.
+   is at fault if, when it came into the other's way, the other was in its way, or would have been there within
+   `SHORT_GAP_S` at its speed, or could no longer stop before it: within its response time it speeds up, then it brakes
+   with `min_braking` (RSS). Else the gap was enough. Where neither yields, the one that came later yields. One is in the other's way where its body would be
+   touched by the other's, driving on along its route.
 3. *Crosswalk.* A person that leaves the kerb on Walk goes first; where there is no light it does if the site says so
-   and the AV could stop when it left. The AV is at fault if it comes into the zone after that. Else the person is: on
-   Don't Walk (flashing too), right before a vehicle, or into one that was in the zone already.
+   and the AV could stop when it left. The AV is at fault if it comes into its way after that. Else the person is: on
+   Don't Walk (flashing too), right before a vehicle, or into one that was in its way already.
 4. *Nobody may drive on into danger.* A vehicle that goes first must brake for one that is in its way: from when that
-   one is in the zone, or on the road, and it could not stop later, it has its response time, then brakes with at least
+   one is there, or on the road, and it could not stop later, it has its response time, then brakes with at least
    `min_braking` until it stands.
 5. *Following.* Front against rear on one way: the rules of RSS along it (`fault`), unless the one ahead came into the
    lane from a way that yields within the last `MERGED_S`; then rule 2.
@@ -43,6 +44,8 @@ __all__ = ["AT_SITE", "Broken", "broken_at_site", "faults_at_site"]
 
 AT_SITE = RssRules(av=Duties(0.5, 2.0, 4.0, 8.0, 8.0), bv=Duties(1.0, 2.0, 4.0, 8.0, 8.0))
 """Numbers of RSS at a site: all may brake as hard as they can, and must with 4 m/s2."""
+SHORT_GAP_S = 3.0
+"""Nobody is cut off by a gap that is longer [s]; 4 % of drivers take one so short to turn left (median 4.7 s)."""
 MERGED_S = 3.0
 """One that came into a lane so short a while before is one that merged [s]."""
 _STANDS = 0.1
@@ -111,16 +114,23 @@ def _stops_within(speed: float, duties: Duties) -> float:
     )
 
 
-def _room(case: SiteCase, i: int, frame: int) -> float:
-    """Room of agent i to the zone at a frame [m]; negative: it is in it."""
-    return case.zone_of(i)[0] - float(case.s[frame, i])
-
-
 def _can_stop(case: SiteCase, i: int, frame: int, duties: Duties) -> bool:
-    """Can agent i still stop before the zone? Before it has come, it can."""
+    """Can agent i still stop before the other where that is? If it is not in its way, or has not come, it can.
+
+    Before a person, who walks on: before the zone.
+    """
     if np.isnan(case.s[frame, i]):
         return True
-    return _room(case, i, frame) >= _stops_within(float(case.speed[frame, i]), duties)
+    room = case.room(i, frame)
+    if case.is_person(case.partner):
+        room = case.zone_of(i)[0] - float(case.s[frame, i])
+    return room >= _stops_within(float(case.speed[frame, i]), duties)
+
+
+def _is_cut_off(case: SiteCase, i: int, frame: int, duties: Duties) -> bool:
+    """Is the gap too short for vehicle i, that goes first, when another comes into its way?"""
+    soon = case.room(i, frame) < SHORT_GAP_S * float(case.speed[frame, i])
+    return soon or not _can_stop(case, i, frame, duties)
 
 
 def _did_not_brake(case: SiteCase, i: int, since: int, duties: Duties) -> int:
@@ -160,7 +170,7 @@ def _of_vehicles(case: SiteCase, rules: RssRules) -> Broken:
         if rule == DROVE_IN:
             if i not in broken and _can_stop(case, i, min(enters[j], case.last), duties[i]):
                 broken[i] = rule, frame
-        elif i not in broken and (frame >= enters[j] or not _can_stop(case, j, frame, duties[j])):
+        elif i not in broken and (frame >= enters[j] or _is_cut_off(case, j, frame, duties[j])):
             broken[i] = rule, frame
         late = _did_not_brake(case, j, frame, duties[j]) if frame < enters[j] else -1
         if late >= 0 and j not in broken:

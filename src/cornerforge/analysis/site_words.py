@@ -10,6 +10,7 @@ from cornerforge.analysis.fault import (
     DID_NOT_BRAKE_FOR, DID_NOT_GIVE_WAY, DROVE_IN, LEFT_BEFORE, LEFT_ON_DONT_WALK, NO_RULE, RAN_RED, WALKED_INTO,
 )  # fmt: skip
 from cornerforge.analysis.site_case import SiteCase, kind_at_site, site_case
+from cornerforge.analysis.site_conduct import side_at_site
 from cornerforge.analysis.site_fault import AT_SITE, broken_at_site
 from cornerforge.recordings import recordings_of
 from cornerforge.site.tables import GREEN, YELLOW
@@ -17,14 +18,15 @@ from cornerforge.types import CLASSES, Scenario
 
 __all__ = ["said_of", "what_happened_at_site"]
 
-_STANDS = 0.3
+_STANDS = 0.05
 _TURNING = {"left": "turning left", "right": "turning right", "back": "turning back", "straight": "going straight on"}
 _TURNED = {"left": "turned left", "right": "turned right", "back": "turned back", "straight": "came straight on"}
 _HERE = math.radians(45.0)
 
 
 def what_happened_at_site(scenario: Scenario) -> str:
-    """Say what happened, such as "The AV, turning left at 4 m/s, hit a car that came straight on at 7 m/s from ahead".
+    """Say what happened, such as "The AV, turning left at 4 m/s, hit a car that came straight on from ahead at 7 m/s
+    with the right of way".
 
     Raises:
         InputError: There is no crash of the AV, or the recording does not hold its contact.
@@ -41,12 +43,18 @@ def said_of(case: SiteCase) -> str:
     name = _name(case)
     speed = float(case.speed[-1, other])
     if kind == "rear-end-by-av":
-        stood = "that stood" if speed < _STANDS else f"that drove at {speed:.0f} m/s"
+        stood = "that stood" if speed < _STANDS else f"that drove at {_fast(speed)}"
         return f"{own}, ran into the rear of a {name} {stood} ahead of it{_by_rules(case)}"
     if kind == "rear-end-by-bv":
-        return f"{own}, was hit from behind by a {name} at {speed:.0f} m/s{_by_rules(case)}"
-    did = "stood in its way" if speed < _STANDS else f"{_TURNED[case.way(other).turn]} at {speed:.0f} m/s"
-    return f"{own}, {_met(case)} a {name} that {did}{_whence(case)}{_by_rules(case)}"
+        return f"{own}, was hit from behind by a {name} at {_fast(speed)}{_by_rules(case)}"
+    at = "and had stopped" if speed < _STANDS else f"at {_fast(speed)}"
+    did = f"{_TURNED[case.way(other).turn]}{_whence(case)} {at}"
+    return f"{own}, {_met(case)} a {name} that {did}{_by_rules(case)}"
+
+
+def _fast(speed: float) -> str:
+    """Say a speed, to a tenth where it is low."""
+    return f"{speed:.0f} m/s" if speed >= 0.95 else f"{speed:.1f} m/s"
 
 
 def _name(case: SiteCase) -> str:
@@ -60,7 +68,7 @@ def _doing(case: SiteCase) -> str:
     before_line = case.s[-1, 0] + 0.5 * case.sizes[0, 0] < case.way(0).stop
     if speed < _STANDS:
         return "standing before its stop line" if before_line else f"standing while {turning}"
-    return f"coming to its stop line at {speed:.0f} m/s" if before_line else f"{turning} at {speed:.0f} m/s"
+    return f"coming to its stop line at {_fast(speed)}" if before_line else f"{turning} at {_fast(speed)}"
 
 
 def _met(case: SiteCase) -> str:
@@ -86,14 +94,15 @@ def _walking(case: SiteCase) -> str:
 
 
 def _whence(case: SiteCase) -> str:
-    """Say where the other came from, seen along the AV's way at its begin."""
+    """Say where the other came from, seen along the AV's way at its begin; in a ring, where it was a second before."""
     if case.route[0] == case.route[case.partner]:
         return ""
+    same = case.way(0).points[0] == case.way(case.partner).points[0]
     places = case.road.site[0]["place"]
     own, other = (float(places[case.route[i], 0]["heading"]) for i in (0, case.partner))
     turned = (other - own + math.pi) % (2.0 * math.pi) - math.pi
     if abs(turned) < _HERE:
-        return " from the same road"
+        return " from the same lane" if same else ("", " from the left", " from the right")[side_at_site(case)]
     if abs(turned) > math.pi - _HERE:
         return " from ahead"
     return " from the left" if turned < 0.0 else " from the right"

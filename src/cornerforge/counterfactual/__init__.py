@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         forbid,
         may_exist,
         places_along,
+        rooms_to,
         search_speeds,
     )
     from cornerforge.counterfactual.begin import MANOEUVRES, OWN_MANOEUVRES
@@ -71,6 +72,7 @@ __all__ = [
     "may_exist",
     "no_tracks",
     "places_along",
+    "rooms_to",
     "search_cases",
     "search_speeds",
 ]
@@ -101,6 +103,7 @@ __getattr__ = door(
         "forbid": "at_site",
         "may_exist": "at_site",
         "places_along": "at_site",
+        "rooms_to": "at_site",
         "search_speeds": "at_site",
         "first_touch": "at_site",
         "Judgements": "careful",

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from cornerforge.road.straight import RoadNumbers
 
-__all__ = ["SpeedSearch", "allocate_speed_search", "carry_on", "drive_profile", "first_touch", "forbid", "may_exist", "places_along", "search_speeds"]
+__all__ = ["SpeedSearch", "allocate_speed_search", "carry_on", "drive_profile", "first_touch", "forbid", "may_exist", "places_along", "rooms_to", "search_speeds"]
 
 GRID = 0.1
 """Places along the route are tried so far apart [m]."""
@@ -35,6 +35,8 @@ _PLACES, _SPEEDS, _RATES = 1400, 200, 16
 _LOWEST_RATE = -10.0
 _NODES = 200_000
 _BOXES = 64
+_FAR = 80.0
+"""Ways are looked along so far [m]."""
 
 
 class SpeedSearch(NamedTuple):
@@ -143,6 +145,32 @@ def touched(
             if boxes_overlap(own, Box(ox, oy, other, sizes[j, 0], sizes[j, 1])):
                 return j
     return -1
+
+
+@kernel
+def rooms_to(
+    site: NDArray[np.void], routes: NDArray[np.int64], sizes: NDArray[np.float64], s: NDArray[np.float64], i: int, j: int,
+    out: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Find how far agent j is in each frame from touching agent i where that is then [m], along its route.
+
+    0 where they touch, +inf where it passes, or has passed, or one is not there; to 0.1 m, and `_FAR` at most.
+    """
+    for t in range(s.shape[0]):
+        out[t] = np.inf
+        if not (np.isfinite(s[t, i]) and np.isfinite(s[t, j])):
+            continue
+        x, y, heading = pose_at(site, routes[i], s[t, i])
+        box = Box(x, y, heading, sizes[i, 0], sizes[i, 1])
+        reach = 0.5 * (sizes[i, 0] + sizes[i, 1] + sizes[j, 0] + sizes[j, 1])
+        way = 0.0
+        while way <= _FAR and s[t, j] + way <= site[0].route[routes[j]].length:
+            ox, oy, other = pose_at(site, routes[j], s[t, j] + way)
+            apart = math.sqrt((ox - x) ** 2 + (oy - y) ** 2) - reach
+            if apart < 0.0 and boxes_overlap(box, Box(ox, oy, other, sizes[j, 0], sizes[j, 1])):
+                out[t] = way
+                break
+            way += max(GRID, 0.9 * apart)
 
 
 @kernel

@@ -427,7 +427,7 @@ def _top(cases: CaseLibrary, found: Analysis, table: pa.Table, value: Value, row
     top = []
     for row, known in zip(rows, avoidance, strict=True):
         case_id = found.case_ids[row]
-        avoided = avoidance_in_words(known["avoidability"], known["latest_any_s"])
+        avoided = avoidance_in_words(known["avoidability"], known["latest_any_s"], known["latest_braking_s"])
         words = case_in_words(cases.scenario(case_id).scenario, avoided)
         top.append(
             {
