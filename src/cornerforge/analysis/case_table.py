@@ -48,8 +48,12 @@ VALUE_COLUMNS: tuple[Field, ...] = (
 )  # fmt: skip
 """Columns that `values_of` adds."""
 
-MECHANISM = Field("mechanism", "string", "", f"What led to it: {', '.join(MECHANISMS)}; "
-                  f"at a site: {', '.join(KINDS_AT_SITES)} (`analysis.mechanism`).")
+MECHANISM = Field(
+    "mechanism",
+    "string",
+    "",
+    f"What led to it: {', '.join(MECHANISMS)}; at a site: {', '.join(KINDS_AT_SITES)} (`analysis.mechanism`).",
+)
 """Column that `with_mechanism` adds."""
 
 
@@ -105,7 +109,9 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
     """
     for cases, tracks in shards:
         recordings = recordings_of_tracks(cases, tracks)
-        columns: dict[str, Any] = dict(measure_cases(recordings, odd=reading.odd)) | assign_fault(recordings, odd=reading.odd).columns()
+        columns: dict[str, Any] = (
+            dict(measure_cases(recordings, odd=reading.odd)) | assign_fault(recordings, odd=reading.odd).columns()
+        )
         problems = problems_of(recordings, cases.column("bv_slot").to_pylist(), reading.odd)
         prevention = prevention_of(recordings, problems, reading.odd, reading.params, threads=reading.threads)
         conduct = conduct_of(recordings, reading.odd, prevention)

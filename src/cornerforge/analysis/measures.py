@@ -318,9 +318,7 @@ def _at_contact(
     else:
         turned = find_contact(in_av_frame(pose), motion.length.T, motion.width.T).normal
         cos, sin = np.cos(heading[AV]), np.sin(heading[AV])
-        normal = np.stack(
-            [turned[:, 0] * cos - turned[:, 1] * sin, turned[:, 0] * sin + turned[:, 1] * cos], axis=-1
-        )
+        normal = np.stack([turned[:, 0] * cos - turned[:, 1] * sin, turned[:, 0] * sin + turned[:, 1] * cos], axis=-1)
     apart = (relative * normal).sum(axis=1)
     closing = np.maximum(0.0, -apart)
     slide = relative - apart[:, None] * normal  # of the BV along the AV's face, which friction pulls with it

@@ -82,7 +82,6 @@ def mechanisms_of(odd: Odd) -> dict[str, str]:
     return MECHANISMS if odd.site is None else KINDS_AT_SITES
 
 
-
 AT_START_S = 4.0
 """A crash before this time [s] depends on how tests begin: all vehicles decide at once, in traffic just drawn."""
 
@@ -198,7 +197,9 @@ def _at_site(scenario: Scenario) -> Mechanism:
     """Name the kind of crash at a site (`site_case`); nobody changes lanes there."""
     name = kind_at_site(site_case(recordings_of(scenario), scenario.odd))
     early = scenario.crash is not None and scenario.crash.time < AT_START_S
-    return Mechanism(name, name, _contact_kind(scenario), early, av_changing=False, bv_changing=False, bv_start_after_av_s=None)
+    return Mechanism(
+        name, name, _contact_kind(scenario), early, av_changing=False, bv_changing=False, bv_start_after_av_s=None
+    )
 
 
 def own_frame(pose: NDArray[np.floating], odd: Odd) -> NDArray[np.float64]:

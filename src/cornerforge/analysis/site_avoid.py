@@ -197,7 +197,9 @@ def ways_out_at_site(case: SiteCase, params: AvoidParams, scratch: SpeedSearch) 
 def poses_on_route(case: SiteCase, track: NDArray[np.float64]) -> NDArray[np.float64]:
     """Give x, y [m], speed [m/s] and heading [rad] of the AV on a track along its route, (W, 4)."""
     poses = [pose_at(case.road.site, case.route[0], place) for place in track[:, 0].tolist()]
-    return np.array([(x, y, speed, heading) for (x, y, heading), speed in zip(poses, track[:, 1].tolist(), strict=True)])
+    return np.array(
+        [(x, y, speed, heading) for (x, y, heading), speed in zip(poses, track[:, 1].tolist(), strict=True)]
+    )
 
 
 def manoeuvre_at_site(case: SiteCase) -> tuple[int, int]:

@@ -155,6 +155,11 @@ class SiteCase:
         free = np.flatnonzero(np.isinf(self.rooms[int(i == 0)]))
         return min(int(free[-1]) + 1, self.last) if free.size else 0
 
+    def comes_into_zone(self, i: int) -> int:
+        """First frame from which on agent i, AV or partner, is in the zone, or behind it."""
+        before = np.flatnonzero(self.s[:, i] < self.zone_of(i)[0])
+        return max(self.first, min(int(before[-1]) + 1, self.last)) if before.size else self.first
+
     def passes_line(self, i: int) -> int:
         """First frame in which the front of vehicle i is past its stop line; -1: it was from the start, or never is."""
         front = self.s[:, i] + 0.5 * self.sizes[i, 0] - self.way(i).stop

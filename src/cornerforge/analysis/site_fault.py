@@ -5,7 +5,7 @@ RSS says of routes that cross that right of way is given and not taken. So, for 
 1. *Light.* A vehicle whose front passes its stop line on red is at fault from then on, and has no right of way. A right
    turn on red after a stop is none, but yields to all.
 2. *Right of way*, where the site says that one of two routes yields in the zone in which they met. The one that yields
-   is at fault if, when it came into the other's way, the other was in its way, or would have been there within
+   is at fault if, when it came into the zone, or into the other's way, the other was there, or would have been within
    `SHORT_GAP_S` at its speed, or could no longer stop before it: within its response time it speeds up, then it brakes
    with `min_braking` (RSS). Else the gap was enough. Where neither yields, the one that came later yields. One is in the other's way where its body would be
    touched by the other's, driving on along its route.
@@ -128,9 +128,12 @@ def _can_stop(case: SiteCase, i: int, frame: int, duties: Duties) -> bool:
 
 
 def _is_cut_off(case: SiteCase, i: int, frame: int, duties: Duties) -> bool:
-    """Is the gap too short for vehicle i, that goes first, when another comes into its way?"""
-    soon = case.room(i, frame) < SHORT_GAP_S * float(case.speed[frame, i])
-    return soon or not _can_stop(case, i, frame, duties)
+    """Is the gap too short for vehicle i, that goes first, when another comes into its way, or into the zone?"""
+    speed = float(case.speed[frame, i])
+    room = case.room(i, frame)
+    if np.isinf(room):
+        room = case.zone_of(i)[0] - float(case.s[frame, i])
+    return bool(room < max(SHORT_GAP_S * speed, _stops_within(speed, duties) if speed > _STANDS else 0.0))
 
 
 def _did_not_brake(case: SiteCase, i: int, since: int, duties: Duties) -> int:
@@ -170,8 +173,10 @@ def _of_vehicles(case: SiteCase, rules: RssRules) -> Broken:
         if rule == DROVE_IN:
             if i not in broken and _can_stop(case, i, min(enters[j], case.last), duties[i]):
                 broken[i] = rule, frame
-        elif i not in broken and (frame >= enters[j] or _is_cut_off(case, j, frame, duties[j])):
-            broken[i] = rule, frame
+        elif i not in broken:
+            soon = next((f for f in (case.comes_into_zone(i), frame) if _is_cut_off(case, j, f, duties[j])), frame)
+            if frame >= enters[j] or _is_cut_off(case, j, soon, duties[j]):
+                broken[i] = rule, soon
         late = _did_not_brake(case, j, frame, duties[j]) if frame < enters[j] else -1
         if late >= 0 and j not in broken:
             broken[j] = DID_NOT_BRAKE_FOR, late
@@ -188,7 +193,10 @@ def _with_person(case: SiteCase, rules: RssRules) -> Broken:
     if case.way(person).signal >= 0:
         first, excuse = case.walk(person, left) == GREEN, LEFT_ON_DONT_WALK
     else:
-        first, excuse = bool(case.zone["yields"]) and (left < case.first or _can_stop(case, 0, seen, duties)), LEFT_BEFORE
+        first, excuse = (
+            bool(case.zone["yields"]) and (left < case.first or _can_stop(case, 0, seen, duties)),
+            LEFT_BEFORE,
+        )
     if entered <= left and entered > case.first:
         other = WALKED_INTO, max(left, 0)
     elif not first and not red:

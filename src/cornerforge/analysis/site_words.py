@@ -120,14 +120,15 @@ def _by_rules(case: SiteCase) -> str:
         light = ""
         if case.way(other).signal >= 0:
             letter = case.walk(other, left)
-            light = {GREEN: ", which had left the kerb on Walk", YELLOW: ", which had left the kerb on flashing Don't Walk"}.get(
-                letter, ", which had left the kerb on Don't Walk"
-            )
+            light = {
+                GREEN: ", which had left the kerb on Walk",
+                YELLOW: ", which had left the kerb on flashing Don't Walk",
+            }.get(letter, ", which had left the kerb on Don't Walk")
         said = {
             LEFT_ON_DONT_WALK: light, LEFT_BEFORE: ", which had left the kerb right before it",
             WALKED_INTO: ", which left the kerb when the AV was on the crosswalk already",
         }.get(bv, light or ", which went first")  # fmt: skip
-        more = {RAN_RED: "; the AV had run a red light", DID_NOT_BRAKE_FOR: "; the AV could have braked"}
+        more = {RAN_RED: "; the AV had run a red light", DID_NOT_BRAKE_FOR: "; the AV could have stopped"}
         return said + more.get(av, "")
     parts = []
     if bv == RAN_RED:
@@ -143,7 +144,11 @@ def _by_rules(case: SiteCase) -> str:
     elif av == DROVE_IN:
         parts.append("; the other had not left the junction yet")
     elif av == DID_NOT_BRAKE_FOR:
-        parts.append("; the AV could have braked")
+        parts.append("; the AV could have stopped")
     if bv == DID_NOT_BRAKE_FOR:
-        parts.append("; the other could have braked" if av != NO_RULE else " and could have braked: the gap was enough")
+        parts.append(
+            "; the other could have stopped"
+            if av != NO_RULE
+            else "; the gap was enough, and the other could have stopped"
+        )
     return "".join(parts)

@@ -25,7 +25,18 @@ if TYPE_CHECKING:
 
     from cornerforge.road.straight import RoadNumbers
 
-__all__ = ["SpeedSearch", "allocate_speed_search", "carry_on", "drive_profile", "first_touch", "forbid", "may_exist", "places_along", "rooms_to", "search_speeds"]
+__all__ = [
+    "SpeedSearch",
+    "allocate_speed_search",
+    "carry_on",
+    "drive_profile",
+    "first_touch",
+    "forbid",
+    "may_exist",
+    "places_along",
+    "rooms_to",
+    "search_speeds",
+]
 
 GRID = 0.1
 """Places along the route are tried so far apart [m]."""
