@@ -35,6 +35,7 @@ class SiteFile:
         what: What it holds, in words.
         credit: Whose it is, and its licence.
         numbers, texts: Its columns, in small letters.
+        blanks: Numbers may be missing in its rows.
     """
 
     name: str
@@ -42,6 +43,7 @@ class SiteFile:
     credit: str
     numbers: tuple[str, ...]
     texts: tuple[str, ...]
+    blanks: bool = False
 
 
 _UTAH = "Singleton, Mekker, Gaither, Subedi and Islam 2023, CC BY 4.0"
@@ -57,12 +59,12 @@ SITE_FILES = (
     SiteFile(
         "utah_ped_crossings", "people at signals, Utah", f"{_UTAH} (UDOT-20.313)",
         ("crossdist", "cross_sec", "vehiclesnext10"),
-        ("signal", "otherbicycle", "crossbehspeed", "timewaitarr_ped_status", "timecurbdep_ped_status"),
+        ("signal", "otherbicycle", "crossbehspeed", "timewaitarr_ped_status", "timecurbdep_ped_status"), True,
     ),
     SiteFile(
         "dfki_street_crossing", "crossings in virtual reality, Germany and Japan", "DFKI, CC BY 4.0, adapted",
         ("s_cargap_near_largestmissed", "s_cargap_near_taken", "n_time", "stepbacks"),
-        ("country", "vpn", "trialtype", "environment", "dropout", "timeout", "collision"),
+        ("country", "vpn", "trialtype", "environment", "dropout", "timeout", "collision"), True,
     ),
     SiteFile("dut_pet_events", "vehicles and people on a campus, Dalian", "Yang et al. 2019 (DUT)", ("dt",), ("clip",)),
     SiteFile(
@@ -100,9 +102,11 @@ def _read(path: Path, file: SiteFile) -> Table:
     if missing:
         raise DataError(f"{path} lacks {', '.join(missing)}; is it {file.what}?")
     table = read_table(path, {name: (name, 1.0) for name in file.numbers}, {name: name for name in file.texts})
-    if table.bad.total:
-        reason, (count, line) = next(iter(table.bad.reasons.items()))
-        raise DataError(f"{path}: {count} row(s) with {reason}, the first in line {line}; fetch it again.")
+    faults = [(f"{count} row(s) with {why}", line) for why, (count, line) in table.bad.reasons.items()]
+    for name in () if file.blanks else file.numbers:
+        faults += [(f"{name} is no number", int(line)) for line in table.line[np.isnan(table.numbers[name])][:1]]
+    if faults:
+        raise DataError(f"{path}: {faults[0][0]}, first in line {faults[0][1]}; fetch it again.")
     return table
 
 

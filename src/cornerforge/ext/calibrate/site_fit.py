@@ -84,6 +84,9 @@ class _Told:
             )
         )  # fmt: skip
 
+    def few(self, name: str, what: str) -> None:
+        self.notes.append(f"{name}: too few {what}; the laws that they tell are as published.")
+
 
 def _alone(value: float, n: int) -> Found:
     """Give a number without an interval."""
@@ -120,8 +123,10 @@ def laws_of(tables: Mapping[str, Table], say: Callable[[str], None]) -> tuple[La
             step(tables[name], told)
     if (name := "utah_right_turn_conflicts") in tables:
         say(name)
-        encounters = fit_encounters(tables[name])
-        _right_turns(encounters, told, name)
+        if (encounters := fit_encounters(tables[name])) is None:
+            told.few(name, "encounters")
+        else:
+            _right_turns(encounters, told, name)
     rows = tuple(_row(one.name, told) for one in fields(Laws))
     chosen: dict[str, Any] = {row.name: row.values if row.name == "walks" else row.values[0] for row in rows}
     result = SiteFitted(laws=rows, facts=tuple(told.facts), notes=tuple(told.notes), files=())
@@ -147,13 +152,9 @@ def _row(name: str, told: _Told) -> LawFitted:
 
 def _following(table: Table, told: _Told) -> None:
     name = "ngsim_lankershim_clips"
-    runs = following_of(table)
-    if np.unique(runs.driver).size < 20:
-        told.notes.append(
-            f"{name}: fewer than 20 drivers follow somebody for 3 s; the laws of following are as published."
-        )
+    if (fit := fit_following(following_of(table))) is None:
+        told.few(name, "drivers that follow somebody for 3 s")
         return
-    fit = fit_following(runs)
     for law, value in fit.values.items():
         told.law(law, Found(value, *fit.intervals[law], fit.runs, fit.drivers), name)
     _scores(fit, told, name)
@@ -162,7 +163,7 @@ def _following(table: Table, told: _Told) -> None:
         f"{name}: the delay at green cannot be told: signal phases are not recorded.",
     ]
     if (turning := turning_of(table)) is None:
-        told.notes.append(f"{name}: fewer than 10 turns or starts; lateral is as published.")
+        told.few(name, "turns or starts from a stand")
         return
     told.law("lateral", Found(*turning.lateral, turning.turners, turning.turners), f"{name}, median over vehicles")
     told.fact(
@@ -183,7 +184,9 @@ def _scores(fit: FollowingFit, told: _Told, name: str) -> None:
 
 def _walking(table: Table, told: _Told) -> None:
     name = "utah_ped_crossings"
-    walks = walks_of(table)
+    if (walks := walks_of(table)) is None:
+        told.few(name, "crossings")
+        return
     told.law(
         "walks", walks.speeds[3], f"{name}, ends from the 1 and 99 % quantiles", tuple(s.value for s in walks.speeds)
     )
@@ -203,10 +206,11 @@ def _gaps(table: Table, told: _Told) -> None:
     name = "dfki_street_crossing"
     for country, (median, spread) in _STATED_GAP.items():
         gaps = gaps_of(table, country)
-        if np.unique(gaps.person).size < 10:
-            told.notes.append(f"{name}: fewer than 10 people in {country}; their gaps are as published.")
+        fine, apart = gaps.missed < gaps.taken, kept_apart(gaps.person)
+        if np.unique(gaps.person[fine]).size < 10 or not (fine & apart).any():
+            told.few(name, f"people in {country}")
             continue
-        fit, apart = critical_gap(gaps), kept_apart(gaps.person)
+        fit = critical_gap(gaps)
         if country == "DE":
             told.law("gap_walk", fit.median, f"{name}, Germany, near lane, no zebra")
             told.law("gap_walk_spread", fit.spread, f"{name}, Germany, near lane, no zebra")
@@ -221,7 +225,10 @@ def _gaps(table: Table, told: _Told) -> None:
             where,
             others,
         )
-    told.law("steps_back", step_back_of(table), f"{name}, step backs and collisions")
+    if (back := step_back_of(table)) is None:
+        told.few(name, "step backs")
+    else:
+        told.law("steps_back", back, f"{name}, step backs and collisions")
 
 
 def _right_turns(fit: EncounterFit, told: _Told, name: str) -> None:
@@ -259,15 +266,13 @@ def _campus(table: Table, told: _Told) -> None:
 
 
 def _dashcams(table: Table, told: _Told) -> None:
-    action, video = words(table, "vehicle_action_1s_before"), owners(words(table, "video"))
+    action, name = words(table, "vehicle_action_1s_before"), "jaad_pedestrians"
     seen = (table.numbers["crossing"] == 1) & ~np.isin(action, ("?", ""))
-    yields = np.isin(action[seen], ("decelerating", "stopped"))
-    told.fact(
-        "driver slows down or stands 1 s before a person crosses",
-        "",
-        share(yields, owners(video[seen])),
-        "jaad_pedestrians, not fitted",
-    )
+    if not seen.any():
+        told.few(name, "crossings")
+        return
+    yields = share(np.isin(action[seen], ("decelerating", "stopped")), owners(words(table, "video")[seen]))
+    told.fact("driver slows down or stands 1 s before a person crosses", "", yields, f"{name}, not fitted")
 
 
 @verb(SiteFit)

@@ -43,8 +43,8 @@ _JUMP = 0.5
 """A gap that differs by more from what the speeds say breaks a run [m]."""
 _LEAST = 31
 """Rows of a run, at least: 3 s."""
-_AHEAD, _DRAWS = 50, 64
-"""A prediction is scored after so many steps, over so many drawn drivers."""
+_AHEAD, _DRAWS, _FEWEST = 50, 64, 20
+"""A prediction is scored after so many steps, over so many drawn drivers; least drivers."""
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ def following_of(table: Table) -> Following:
     start = np.append(begins, rows.size).astype(np.int64)
     far = np.cumsum(step)[rows]
     moved = far - np.repeat(far[begins], np.diff(start))
-    return Following(start, driver[rows[begins]], gap[rows], speed[rows], ahead[rows], moved)
+    return Following(start, owners(driver[rows[begins]]), gap[rows], speed[rows], ahead[rows], moved)
 
 
 @kernel
@@ -324,11 +324,15 @@ def _scored(runs: Following, laws: dict[str, tuple[Floats, float, float]]) -> di
     }
 
 
-def fit_following(runs: Following) -> FollowingFit:
-    """Fit the laws of following to runs, with intervals over drivers, and score them on drivers kept apart."""
-    drivers = int(runs.driver.max()) + 1
+def fit_following(runs: Following) -> FollowingFit | None:
+    """Fit the laws of following to runs, with intervals over drivers, and score them on drivers kept apart.
+
+    None with fewer than `_FEWEST` drivers, or if no run of those kept apart is long enough to be scored.
+    """
+    drivers, apart = np.unique(runs.driver).size, kept_apart(runs.driver)
+    if drivers < _FEWEST or not (np.diff(runs.start)[apart] > _AHEAD).any():
+        return None
     even = np.ones(drivers)
-    apart = kept_apart(runs.driver)
     x = _fitted(runs, even, None)
 
     def again(weight: Floats) -> Floats:
@@ -352,7 +356,7 @@ def fit_following(runs: Following) -> FollowingFit:
     return FollowingFit(
         {name: float(v) for name, v in zip(names, values, strict=True)},
         {name: (float(a), float(b)) for name, a, b in zip(names, low, high, strict=True)},
-        scores, np.unique(runs.driver).size, runs.driver.size, np.unique(runs.driver[apart]).size, int(apart.sum()),
+        scores, drivers, runs.driver.size, np.unique(runs.driver[apart]).size, int(apart.sum()),
     )  # fmt: skip
 
 

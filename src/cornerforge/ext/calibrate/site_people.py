@@ -74,14 +74,21 @@ class Walks:
     apart: tuple[tuple[float, ...], tuple[float, ...], int]
 
 
-def walks_of(table: Table) -> Walks:
-    """Measure walking and disobedience in Utah's crossings; bicycles are left out."""
+def walks_of(table: Table) -> Walks | None:
+    """Measure walking and disobedience in Utah's crossings; bicycles are left out. None with too few rows."""
     n = table.numbers
     signal = owners(words(table, "signal"))
     groups = int(signal.max()) + 1
     timed = (n["cross_sec"] > 0) & (n["crossdist"] > 0) & (words(table, "otherbicycle") == "False")
     owner, seconds = signal[timed], n["cross_sec"][timed]
     speed = n["crossdist"][timed] * _FEET / seconds
+    came = (words(table, "timewaitarr_ped_status") == _SOLID) & (words(table, "timecurbdep_ped_status") != "")
+    left = words(table, "timecurbdep_ped_status") == _SOLID
+    vehicles = n["vehiclesnext10"]
+    masks = [came, *(came & (vehicles >= a) & (vehicles <= b) for a, b in _TRAFFIC)]
+    apart = kept_apart(owner)
+    if not (apart.any() and (~apart).any() and all(m.any() for m in masks)):
+        return None
     shares = [0.01, *WALK_SHARES[1:-1], 0.99]
     at = quantiles(speed, np.ones(speed.size), shares)
     low, high = interval_of(lambda w: quantiles(speed, w[owner], shares), groups)
@@ -91,11 +98,6 @@ def walks_of(table: Table) -> Walks:
     changes = _found(
         hits.sum() / time.sum(), interval_of(lambda w: (w @ hits) / (w @ time), groups), int(changed.sum()), groups
     )
-    came = (words(table, "timewaitarr_ped_status") == _SOLID) & (words(table, "timecurbdep_ped_status") != "")
-    left = words(table, "timecurbdep_ped_status") == _SOLID
-    vehicles = n["vehiclesnext10"]
-    masks = [came, *(came & (vehicles >= a) & (vehicles <= b) for a, b in _TRAFFIC)]
-    apart = kept_apart(owner)
     here, there = (
         tuple(map(float, quantiles(speed[part], np.ones(int(part.sum())), shares[1:-1]))) for part in (apart, ~apart)
     )
@@ -165,15 +167,17 @@ def critical_gap(gaps: Gaps) -> Critical:
     return Critical(found[0], found[1], int((~fine).sum()))
 
 
-def step_back_of(table: Table) -> Found:
+def step_back_of(table: Table) -> Found | None:
     """Chance in a second that a person on the road steps back from a vehicle that comes on.
 
     Of trials that ended in a step back or a collision, the share with a step back is 1 - (1 - p)^T; T is their median
-    time on the near lane.
+    time on the near lane. None without a step back.
     """
     back, hit = table.numbers["stepbacks"] > 0, words(table, "collision") == "True"
     tried = (back | hit) & ~np.isin(words(table, "trialtype"), ("familiarization", "training"))
     time = table.numbers["n_time"][tried]
+    if not back[tried].any() or not (time > 0).any():
+        return None
     seconds = float(np.median(time[time > 0]))
     found = share(back[tried], owners(words(table, "country")[tried], words(table, "vpn")[tried]))
     value, low, high = (1.0 - (1.0 - s) ** (1.0 / seconds) for s in (found.value, found.low, found.high))
@@ -291,10 +295,15 @@ def _named(x: Floats) -> dict[str, float]:
     return {name: float(np.exp(x[k])) for name, k in places.items()}
 
 
-def fit_encounters(table: Table) -> EncounterFit:
-    """Fit to_people and gives_way by maximum likelihood, with intervals over signals."""
+def fit_encounters(table: Table) -> EncounterFit | None:
+    """Fit to_people and gives_way by maximum likelihood, with intervals over signals.
+
+    None if a state has fewer than 30 encounters, or there are fewer than 4 signals.
+    """
     counts, state, time, signal = encounters_of(table)
     groups, total = len(counts), counts.sum(axis=0)
+    if total.sum(axis=(1, 2)).min() < 30 or groups < 4:
+        return None
     x = min((_fitted(total, _BEGIN + shift) for shift in (0.0, 0.3, -0.3)), key=lambda y: -_score(total, y))
     ends = interval_of(lambda w: np.array([*_named(_fitted(np.tensordot(w, counts, 1), x)).values()]), groups)
     values = {
@@ -304,7 +313,7 @@ def fit_encounters(table: Table) -> EncounterFit:
     apart = kept_apart(np.arange(groups))
     seen, unseen = counts[~apart].sum(axis=0), counts[apart].sum(axis=0)
     plain = (seen + 1.0) / (seen + 1.0).sum(axis=(1, 2), keepdims=True)
-    n = unseen.sum()
+    n = max(1.0, unseen.sum())
     parts = [np.ones(time.size, bool), *(state == k for k in range(3))]
     return EncounterFit(
         values, _by_state(x), total,
