@@ -44,8 +44,9 @@ _LEAVES_OUT = {
     "headway": "one street in Los Angeles, 2005, cars; vehicles are taken as boxes' centres, lanes by geometry",
     "headway_spread": "differences between streets and hours; it is of what drivers keep in steady following",
     "standstill": "people that leave a crossing or a driveway free",
-    "acceleration": "the way to higher speeds than 15 m/s",
-    "braking": "hard braking, of which the clips have little; the interval reaches the least that `Laws` allows",
+    "acceleration": "speeds above 15 m/s",
+    "braking": "hard braking; it is the IDM's alone: followers brake early and gently, and stop with `stopping`",
+    "stopping": "stops for amber, which are harder (first to stop 3.0 m/s², Gates et al. 2007)",
     "noise": "errors of the recording, which it holds too: it is an upper bound",
     "lateral": "headings of the recording scatter, so it is an upper bound; one corner's radii",
     "walks": "bicycles; all of the crossing's width over whole seconds",
@@ -152,24 +153,27 @@ def _row(name: str, told: _Told) -> LawFitted:
 
 def _following(table: Table, told: _Told) -> None:
     name = "ngsim_lankershim_clips"
+    if (turning := turning_of(table)) is None:
+        told.few(name, "turns, starts or stops")
+    else:
+        told.law("lateral", _measured(turning.lateral), f"{name}, most of 1 s in a turn, median over vehicles")
+        told.law("stopping", _measured(turning.stopping), f"{name}, v²/2d of stops from 8 m/s, median over vehicles")
+        starts = _measured(turning.starting)
+        told.fact("mean acceleration in the first 3 s from a stand, nobody ahead, median", "m/s2", starts, name)
     if (fit := fit_following(following_of(table))) is None:
         told.few(name, "drivers that follow somebody for 3 s")
         return
     for law, value in fit.values.items():
-        told.law(law, Found(value, *fit.intervals[law], fit.runs, fit.drivers), name)
+        told.law(law, Found(value, *fit.intervals[law], fit.runs, fit.drivers), f"{name}, followers driven again")
     _scores(fit, told, name)
     told.notes += [
         f"{name}: the pace that drivers wish cannot be told: the file has no limits and no speed above 15.8 m/s.",
         f"{name}: the delay at green cannot be told: signal phases are not recorded.",
     ]
-    if (turning := turning_of(table)) is None:
-        told.few(name, "turns or starts from a stand")
-        return
-    told.law("lateral", Found(*turning.lateral, turning.turners, turning.turners), f"{name}, median over vehicles")
-    told.fact(
-        "mean acceleration in the first 3 s from a stand, nobody ahead", "m/s2",
-        Found(*turning.starting, turning.starters, turning.starters), f"{name}, median over vehicles",
-    )  # fmt: skip
+
+
+def _measured(found: tuple[float, float, float, int]) -> Found:
+    return Found(*found, found[3])
 
 
 def _scores(fit: FollowingFit, told: _Told, name: str) -> None:

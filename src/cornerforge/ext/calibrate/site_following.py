@@ -112,17 +112,17 @@ class FollowingFit:
 
 @dataclass(frozen=True)
 class Turning:
-    """Vehicles that turn by 0.5 to 2.2 rad, and first vehicles that start from a stand.
+    """Vehicles that turn by 0.5 to 2.2 rad, that start from a stand as the first, and that stop from 8 m/s or more.
 
     Attributes:
-        lateral, starting: Median [m/s2] and its interval over vehicles.
-        turners, starters: How many vehicles.
+        lateral: Most acceleration across the way, over 1 s [m/s2]: median, its interval over vehicles, and how many.
+        starting: The same of the mean acceleration in the first 3 s, with nobody within 15 m ahead.
+        stopping: The same of v^2 / 2d, d the way from 8 m/s to a stand.
     """
 
-    lateral: tuple[float, float, float]
-    starting: tuple[float, float, float]
-    turners: int
-    starters: int
+    lateral: tuple[float, float, float, int]
+    starting: tuple[float, float, float, int]
+    stopping: tuple[float, float, float, int]
 
 
 def _driver(table: Table) -> Ints:
@@ -222,9 +222,10 @@ def driven(runs: Following, x: Floats, own: Floats | None = None, noise: Floats 
 
 
 def _fitted(runs: Following, weight: Floats, begin: Floats | None) -> Floats:
-    """Fit the four numbers by least squares of the gap, each run counting by its driver's weight (drivers,).
+    """Fit the four numbers by least squares of the gap.
 
-    Without a place to begin the whole box is searched first (differential evolution, fixed seed).
+    Each run counts by its driver's weight (drivers,). Without a place to begin the whole box is searched first
+    (differential evolution, fixed seed).
     """
     from scipy.optimize import differential_evolution, least_squares
 
@@ -347,7 +348,7 @@ def fit_following(runs: Following) -> FollowingFit | None:
     scores = _scored(
         runs.of(apart),
         {
-            "these laws: fitted IDM, noise, drivers that differ": (y, noise, spread),
+            "these laws": (y, noise, spread),
             "fairly fitted IDM with noise": (y, noise, 0.0),
             "fairly fitted IDM": (y, 0.0, 0.0),
             "published IDM for towns": (np.array(PUBLISHED_IDM), 0.0, 0.0),
@@ -360,19 +361,18 @@ def fit_following(runs: Following) -> FollowingFit | None:
     )  # fmt: skip
 
 
-def _median(values: Floats) -> tuple[float, float, float]:
+def _median(found: dict[int, float]) -> tuple[float, float, float, int]:
+    values = np.array([found[who] for who in sorted(found)])
+
     def of(weight: Floats) -> float:
         return float(quantiles(values, weight, [0.5])[0])
 
     low, high = interval_of(of, values.size)
-    return of(np.ones(values.size)), float(low), float(high)
+    return of(np.ones(values.size)), float(low), float(high), values.size
 
 
 def turning_of(table: Table) -> Turning | None:
-    """Measure the most acceleration across the way in turns, over 1 s, and the mean one in the first 3 s of starts.
-
-    None if the file has fewer than 10 of either. Starts are of vehicles with nobody within 15 m ahead.
-    """
+    """Measure turns, starts and stops, one of each kind a vehicle; None if the file has fewer than 10 of one kind."""
     n = table.numbers
     clip, frame = table.texts["scenario"], np.rint(n["t"] / _DT).astype(np.int64)
     gap = _leaders(table, clip, frame)[1]
@@ -380,19 +380,24 @@ def turning_of(table: Table) -> Turning | None:
     driver = _driver(table)
     lateral: dict[int, float] = {}
     starting: dict[int, float] = {}
+    stopping: dict[int, float] = {}
     ends = np.flatnonzero(np.diff(clip[order], prepend=-1) | np.diff(table.texts["id"][order], prepend=-1))
     for rows in np.split(order, ends[1:]):
         if rows.size < _LEAST:
             continue
         who, v, heading = int(driver[rows[0]]), n["v"][rows], np.unwrap(n["heading"][rows])
-        far = float(np.hypot(np.diff(n["x"][rows]), np.diff(n["y"][rows])).sum())
-        if 0.5 < np.ptp(heading) < 2.2 and v.max() > 3.0 and far > 8.0:
+        far = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(n["x"][rows]), np.diff(n["y"][rows])))])
+        if 0.5 < np.ptp(heading) < 2.2 and v.max() > 3.0 and far[-1] > 8.0:
             across = np.abs(heading[10:] - heading[:-10]) * 0.5 * (v[10:] + v[:-10])
             lateral[who] = max(lateral.get(who, 0.0), float(across.max()))
         stands = np.flatnonzero(v[: -_LEAST + 1] < 0.3)
         if stands.size and not (gap[rows[stands[-1] : stands[-1] + 20]] < 15.0).any() and v[stands[-1] :].max() > 6.0:
             starting.setdefault(who, float(v[stands[-1] + 30] / 3.0))
-    if min(len(lateral), len(starting)) < 10:
+        stands = np.flatnonzero(v < 0.5)[:1]
+        fast = np.flatnonzero(v[: stands[0]] >= 8.0)[-1:] if stands.size else stands
+        if fast.size:
+            stopping.setdefault(who, float(v[fast[0]] ** 2 / (2.0 * (far[stands[0]] - far[fast[0]]))))
+    kinds = (lateral, starting, stopping)
+    if min(map(len, kinds)) < 10:
         return None
-    across, begun = (np.array([found[who] for who in sorted(found)]) for found in (lateral, starting))
-    return Turning(_median(across), _median(begun), across.size, begun.size)
+    return Turning(*(_median(found) for found in kinds))
