@@ -41,7 +41,7 @@ _POSITIVE = (0.0, _ANY)
 _LARGEST = float(np.finfo(np.float64).max)
 """Bound of what may be as large as it likes, but not infinite."""
 _GREATEST = (0.0, 1e6)
-_MOST_LANES = 6
+_MOST_LANES, _MOST_ROUTES = 6, 64
 _INT16, _INT64 = 2**15 - 1, 2**63 - 1
 BEFORE_CONTACT = (0.0, 1e5)
 """Of moments before the contact [s]."""
@@ -117,14 +117,14 @@ SERIES: tuple[Series, ...] = (
         "acceleration_mps2", "float32", "m/s2", "Along the road, at this frame; NaN where absent.", _SHARPNESS,
         nan=True)),
     Series("target_lane", Field(
-        "target_lane", "int8", "", "Lane kept or changed to; -1 where absent.", (-1, _MOST_LANES - 1))),
+        "target_lane", "int8", "", "Lane kept or changed to, at a site the route; -1 where absent.", (-1, _MOST_ROUTES - 1))),
     Series("present", Field("present", "bool", "", "The vehicle exists.")),
 )  # fmt: skip
 """The series of a frame, in the order of a digest: first the real numbers, 0 where absent, then lane and presence."""
 
 BODY: tuple[Series, ...] = (
     Series("kind", Field(
-        "kind", "int8", "", "Class of each stored vehicle: 0 car, 1 truck, 2 motorcycle.", (0, 2))),
+        "kind", "int8", "", "Class of each stored vehicle: 0 car, 1 truck, 2 motorcycle, 3 person.", (0, 3))),
     Series("length", Field("length_m", "float64", "m", "Length of each stored vehicle.", SIZES)),
     Series("width", Field("width_m", "float64", "m", "Width of each stored vehicle.", SIZES)),
     Series("change_time", Field(
@@ -190,7 +190,7 @@ SHORTFALL: tuple[Field, ...] = (
 (ADR 71)."""
 
 PARTNER: tuple[Field, ...] = (
-    Field("bv_kind", "int8", "", "Class of the crash partner: 0 car, 1 truck, 2 motorcycle.", (0, 2)),
+    Field("bv_kind", "int8", "", "Class of the crash partner: 0 car, 1 truck, 2 motorcycle, 3 person.", (0, 3)),
     Field("bv_length_m", "float64", "m", "Length of the crash partner.", SIZES),
     Field("bv_width_m", "float64", "m", "Width of the crash partner.", SIZES),
 )

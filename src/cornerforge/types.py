@@ -20,6 +20,9 @@ from cornerforge._schema import check_fields, meant, read
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.perception import Perception
 from cornerforge.road.network import Road, faults_of
+from cornerforge.site.laws import Demand, Laws
+from cornerforge.site.network import Site
+from cornerforge.site.tables import ACCELERATION_STEP
 
 __all__ = [
     "ACCELERATIONS",
@@ -31,6 +34,7 @@ __all__ = [
     "FRAME_S",
     "METRES_PER_MILE",
     "MOTORCYCLE",
+    "PERSON",
     "N_ACTIONS",
     "ODDS",
     "TRUCK",
@@ -79,6 +83,7 @@ CLASSES: tuple[RoadUser, ...] = (
     RoadUser("car", 5.0, 2.0),
     RoadUser("truck", 16.5, 2.55, braking=3.3, power=10.8, resistance=0.17, top_speed=33.1, time_gap=1.8),
     RoadUser("motorcycle", 2.2, 0.8),
+    RoadUser("person", 0.6, 0.6),
 )
 """Classes of road users by code.
 
@@ -87,13 +92,10 @@ Directive 96/53/EC allows an articulated one, a motorcycle a common size. All dr
 mostly to cars; a natural driver's accelerations are cut to what its vehicle can do. Sources of a truck's limits, and
 what they leave out: docs/adr/0028-trucks.md.
 """
-CAR, TRUCK, MOTORCYCLE = range(len(CLASSES))
+CAR, TRUCK, MOTORCYCLE, PERSON = range(len(CLASSES))
 
 MAX_LANES = 6
 """Most lanes that an ODD may have."""
-
-ACCELERATION_STEP = 0.2
-"""Step between the accelerations that a vehicle can choose [m/s2]."""
 
 
 class Action(NamedTuple):
@@ -145,7 +147,7 @@ QUEUE_FROM, QUEUE_TO = 250.0, 330.0
 LATER = {
     "truck_share": 0.0, "motorcycle_share": 0.0, "ignored_rear": 0.0, "same_duration": False, "slower_right": 0.0,
     "max_jerk": math.inf, "road": None, "road_at": 0.0, "task": "through", "traffic": "free",
-    "perception": None,
+    "perception": None, "site": None, "laws": None, "demand": None,
 }  # fmt: skip
 """Fields of an ODD that files may lack, and what they are there."""
 
@@ -199,6 +201,9 @@ class Odd:
     traffic: Annotated[str, meant("How the others drive: freely at 20 to 40 m/s, densely, or freely up to the end of "
         "a queue ahead.", choices=tuple(TRAFFIC))] = "free"  # fmt: skip
     perception: Annotated[Perception | None, meant("What the AV perceives; missing: everything, at once.")] = None
+    site: Annotated[Site | None, meant("The junction, instead of a road.")] = None
+    laws: Annotated[Laws | None, meant("How people drive and walk at the site.")] = None
+    demand: Annotated[Demand | None, meant("How many vehicles and people come to the site.")] = None
 
     def __post_init__(self) -> None:
         check_integer("lanes", self.n_lanes, low=2, high=MAX_LANES)
@@ -210,6 +215,8 @@ class Odd:
             least = self.av_start + QUEUE_TO
             check_number("odd.traffic_length, for a queue,", self.traffic_length, low=least, high=5000.0, unit="m")
         self._check_road()
+        if not (self.site is None) == (self.laws is None) == (self.demand is None):
+            raise InputError("odd.site, odd.laws and odd.demand belong together; give all of them or none.")
         for one in fields(self):
             if isinstance(one.default, float):  # kernels would be compiled once more for a whole number
                 object.__setattr__(self, one.name, float(getattr(self, one.name)))
@@ -248,8 +255,9 @@ class Odd:
         given = {"max_jerk": math.inf, **stated}
         if isinstance(given.get("road"), Mapping):
             given["road"] = read(Road, given["road"], "The road")
-        if isinstance(given.get("perception"), Mapping):
-            given["perception"] = read(Perception, given["perception"], "The perception")
+        for name, kind in (("perception", Perception), ("site", Site), ("laws", Laws), ("demand", Demand)):
+            if isinstance(given.get(name), Mapping):
+                given[name] = read(kind, given[name], f"The {name}")
         return Odd(**given)
 
     def size_of(self, kind: int) -> tuple[float, float]:

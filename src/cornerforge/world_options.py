@@ -96,6 +96,26 @@ class RoadOptions(_World):
             metavar="WHAT",
         ),
     ] = None
+    site: Annotated[
+        str | None,
+        meant(
+            "Junction instead of a road (`cornerforge site show` draws it): mcity-signal, mcity-crossing, "
+            "mcity-roundabout, or a FILE of `site import`.",
+            near=("mcity-signal", "mcity-crossing", "mcity-roundabout"),
+            metavar="NAME|FILE",
+        ),
+    ] = None
+    site_traffic: Annotated[
+        str | None,
+        meant(
+            "How many come to a site, such as vehicles=300,people=60,trucks=0.1 (an hour and lane, an hour and end of a "
+            "crosswalk, share).",
+            metavar="WHAT",
+        ),
+    ] = None
+    site_laws: Annotated[
+        str | None, meant("How people drive and walk at a site: a file of `site fit`; the shipped one by default.")
+    ] = None
     model: Annotated[Path | str | NddModel | None, meant("Naturalistic model; the shipped one by default.")] = None
 
 

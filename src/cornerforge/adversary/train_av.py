@@ -122,7 +122,7 @@ class _Actor:
         self._scratch = allocate_scratch(slots, setting.who.policy)
         self._keep = keep_nothing(slots)
         self._actors = allocate_av_actors(
-            config.worlds, slots, av_features.N_AV_FEATURES, config.adversaries, setting.road.perception.late
+            config.worlds, slots, av_features.N_AV_FEATURES, config.adversaries, setting.road
         )
         self._out = allocate_transitions(AV_DECISIONS * config.worlds, av_features.N_AV_FEATURES)
         self.finished = self._actors.finished.view(np.int64)

@@ -50,14 +50,39 @@ AV_KINDS = {
     "learned": AvLaw(3, 12.0, 10.0, sees_everybody=True, parameters=("network",)),
     "careful": AvLaw(4, 8.0, None, sees_everybody=True, parameters=("careful",)),
     "flawed": AvLaw(5, None, None, sees_everybody=True, parameters=("flawed",)),
+    "junction": AvLaw(6, 8.0, 3.0, sees_everybody=True, parameters=("junction",)),
 }
 """The laws by which an AV decides (docs/adr/0009-built-in-avs.md).
 
 plain: IDM and MOBIL. watchful: the same, and it watches both sides while it changes lanes, and evades a vehicle that
 comes into its lane beside it. cautious: it keeps RSS distances. learned: a Q-network. careful: a reference driver of UN
 R157 and others (docs/adr/0039-reference-drivers.md), which keeps its lane. flawed: IDM and MOBIL with one flaw of
-perception or decision (`drivers.flawed`).
+perception or decision (`drivers.flawed`). junction: at sites only, on its route (`sim.site.av`).
 """
+
+
+@dataclass(frozen=True)
+class JunctionParams:
+    """How an AV drives at a site, beside the laws of people there.
+
+    Attributes:
+        headway, gaps, manners: Its factors of people's median time gap, critical gap and gap left to people.
+        creeps: It edges forward where it should wait.
+    """
+
+    headway: float = 1.2
+    gaps: float = 1.3
+    manners: float = 2.0
+    creeps: bool = False
+
+
+class JunctionNumbers(NamedTuple):
+    """`JunctionParams` as kernels take them."""
+
+    headway: float
+    gaps: float
+    manners: float
+    creeps: bool
 
 
 @dataclass(frozen=True)
@@ -90,6 +115,7 @@ class AvModel:
         network: The network, for the learned kind; None until its file is read (`experiment.av_file`).
         careful: Which reference driver, for the careful kind.
         flawed: Which flaw, for the flawed kind.
+        junction: How it drives at sites, for the junction kind.
 
     Raises:
         InputError: The kind is not known, or parameters are given by which it does not drive.
@@ -105,6 +131,7 @@ class AvModel:
     network: AvNetwork | None = None
     careful: CarefulParams = field(default_factory=CarefulParams)
     flawed: FlawParams = field(default_factory=FlawParams)
+    junction: JunctionParams = field(default_factory=JunctionParams)
 
     def __post_init__(self) -> None:
         check_in("av.kind", self.kind, tuple(AV_KINDS))
@@ -214,6 +241,22 @@ AVS: dict[str, AvModel] = {
                 "blocks-mergers": "speeds up beside a vehicle whose lane ends, instead of letting it in",
             }.items()
         ),
+        *(
+            AvModel(name, f"at sites only: {about}", _GENTLE, MobilParams(), kind="junction", junction=params)
+            for name, about, params in (
+                ("idm-yield", "follows by the IDM and takes gaps somewhat longer than people's", JunctionParams()),
+                (
+                    "rss-yield",
+                    "keeps more distance and takes gaps twice as long as people's",
+                    JunctionParams(1.8, 2.0, 4.0),
+                ),
+                (
+                    "creep",
+                    "made bad on purpose: edges forward where it should wait, and leaves people little room",
+                    JunctionParams(1.0, 0.8, 0.6, creeps=True),
+                ),
+            )
+        ),
     )
 }
 """All built-in AVs."""
@@ -226,7 +269,8 @@ class AvNumbers(NamedTuple):
         idm, mobil: Parameters of the built-in AV.
         sight: As in `AvModel`.
         kind: Code of its law.
-        rss, network, careful, flaw: Parameters of the cautious, the learned, the careful and the flawed kind.
+        rss, network, careful, flaw, junction: Parameters of the cautious, the learned, the careful, the flawed and the
+            junction kind.
         hardest_braking, strongest_acceleration: It never commands more [m/s2].
         sees_everybody: 1 if it looks at more than its nearest neighbours in each lane.
     """
@@ -239,6 +283,7 @@ class AvNumbers(NamedTuple):
     network: PolicyNumbers
     careful: int
     flaw: int
+    junction: JunctionNumbers
     hardest_braking: float
     strongest_acceleration: float
     sees_everybody: int
@@ -259,6 +304,7 @@ def numbers_of_av(model: AvModel) -> AvNumbers:
         network,
         CAREFUL[model.careful.driver],
         FLAWS[model.flawed.flaw],
+        JunctionNumbers(*astuple(model.junction)),
         hardest_braking=model.idm.max_braking if law.hardest_braking is None else law.hardest_braking,
         strongest_acceleration=model.idm.max_acceleration
         if law.strongest_acceleration is None

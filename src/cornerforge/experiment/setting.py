@@ -11,7 +11,7 @@ from typing import Any
 
 from cornerforge._checks import check_in, check_number
 from cornerforge._schema import read
-from cornerforge.drivers.avs import numbers_of_av
+from cornerforge.drivers.avs import AVS, AvModel, numbers_of_av
 from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError, UnknownNameError
@@ -19,6 +19,7 @@ from cornerforge.experiment.av_file import RECORDED_AV, av_of
 from cornerforge.experiment.experiments import Experiment, with_outside_av
 from cornerforge.experiment.policy_file import Policy, check_budget, load_policy, policy_numbers
 from cornerforge.experiment.roads import odd_on, road_in_words, road_named
+from cornerforge.experiment.sites import demand_of, laws_named, odd_at, site_in_words, site_named
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.spec import AvSpec, spec_of
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
@@ -131,6 +132,11 @@ def road_of(world: WorldOptions) -> Odd:
         UnknownNameError, InputError: There is no ODD or road of that name, or it cannot have that many lanes.
     """
     odd = odd_named(world.odd)
+    if world.site is not None:
+        return _at_site(odd, world)
+    for name in ("site_traffic", "site_laws"):
+        if getattr(world, name) is not None:
+            raise InputError(f"{name} is for sites; give site too, such as mcity-signal.")
     if world.traffic != odd.traffic:
         odd = replace(odd, traffic=world.traffic)
     if world.road is not None:
@@ -146,6 +152,41 @@ def road_of(world: WorldOptions) -> Odd:
     if road_numbers(odd).stops:
         warnings.warn(road_in_words(odd), stacklevel=3)
     return odd
+
+
+def _at_site(odd: Odd, world: WorldOptions) -> Odd:
+    """Return the ODD of a test at a site.
+
+    Raises:
+        UnknownNameError, FileFormatError: There are no laws or no site of that name.
+        InputError: Options of roads are given too, or the site cannot be driven.
+    """
+    usual = WorldOptions()
+    for name in ("odd", "lanes", "road", "task", "traffic"):
+        if getattr(world, name) != getattr(usual, name):
+            raise InputError(f"{name} is for roads; leave it out, or site = {world.site}.")
+    found = odd_at(odd, site_named(str(world.site)), laws_named(world.site_laws), demand_of(world.site_traffic))
+    if world.perception is not None:
+        found = replace(found, perception=perception_of(world.perception))
+    warnings.warn(site_in_words(found), stacklevel=4)
+    return found
+
+
+def _check_at_site(av: AvModel, spec: AvSpec, driver: str, road: Odd) -> None:
+    """Check that AV and BVs can drive where the tests are.
+
+    Raises:
+        InputError: One of them cannot.
+    """
+    if road.site is None:
+        if av.kind == "junction" and not spec.is_outside:
+            raise InputError(f"The AV {av.name} drives at sites only; give site, such as mcity-signal.")
+        return
+    if av.kind != "junction" and not spec.is_outside:
+        at_sites = ", ".join(name for name, one in AVS.items() if one.kind == "junction")
+        raise InputError(f"The AV {av.name} drives on roads only; at a site take one of {at_sites}, or your own.")
+    if driver not in ("nde", "policy", *controllers.SITE_ADVERSARIES):
+        raise InputError(f"bv = {driver!r} drives on roads only; at a site take nde, uniform or a policy.")
 
 
 def _check_av(spec: AvSpec, *, takes_foreign: bool, takes_recorded: bool) -> None:
@@ -247,6 +288,7 @@ def experiment(
         for file, loaded in zip(names, policies, strict=True):
             _warn_of_another_world(loaded, file, road, ndd)
     driver = "policy" if policies else names[0]
+    _check_at_site(av_model, spec, driver, road)
     if policies:
         told = {} if budget is None else {"bounded": True, "budget": budget, "budget_of": world.budget_of}
         told |= {} if world.steer_from is None else {"steers_from": world.steer_from}

@@ -228,7 +228,7 @@ class ForeignAv:
     def warm_up(self, setting: Setting, slots: int) -> None:
         """Load the compiled kernels, or compile them, so that timings do not count it."""
         with self.lend_session() as session:
-            batch = lockstep.allocate_batch(1, slots, session.views(1, slots), setting.road.perception.late)
+            batch = lockstep.allocate_batch(1, slots, session.views(1, slots), setting.road)
         setting = self.steering(setting)
         lockstep.begin(0, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), setting, batch)
         steps = Steps(setting, slots, batch)
@@ -348,7 +348,7 @@ class ForeignAv:
             AvFaultError: The AV fails in this test.
         """
         with self.in_test(slots, seed, test, float(setting.av.idm.desired_speed)) as (views, ask):
-            batch = lockstep.allocate_batch(1, slots, views, setting.road.perception.late)
+            batch = lockstep.allocate_batch(1, slots, views, setting.road)
             lockstep.begin(seed, np.zeros(1, dtype=np.int64), np.array([test], dtype=np.int64), setting, batch)
             steps = Steps(self.steering(setting), slots, batch)
             answers = []

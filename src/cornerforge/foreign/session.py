@@ -199,7 +199,7 @@ class AvSession:
         """Give the batch with all worlds idle."""
         if self._batch is None or self._batch.worlds.vehicles.shape[1] != slots:
             views = self.views(self._context.batch, slots)
-            self._batch = lockstep.allocate_batch(self._context.batch, slots, views, self._road.perception.late)
+            self._batch = lockstep.allocate_batch(self._context.batch, slots, views, self._road)
         lockstep.stop(self._batch, np.arange(len(self._batch.views)))
         return self._batch
 

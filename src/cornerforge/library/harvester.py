@@ -174,7 +174,7 @@ class Harvester:
 
     def __init__(self, setting: Setting, slots: int, policies: Sequence[str] = ()) -> None:
         self._setting = setting
-        self._world = world_of(allocate_worlds(1, slots, setting.road.perception.late))
+        self._world = world_of(allocate_worlds(1, slots, setting.road))
         self._scratch = allocate_scratch(slots, setting.who.policy)
         self._whole, self._nothing = keep_whole_test(setting, slots), keep_nothing(slots)
         self._no_counts = statistics.allocate_counts()

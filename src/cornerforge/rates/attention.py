@@ -107,7 +107,7 @@ def action_chances(
     check_integer("test", test, low=0, high=2**62)
     if setting.who.critical != controllers.NOBODY or setting.who.others != controllers.NATURALISTIC:
         raise InputError("Chances of actions are those of natural traffic; this run has other drivers.")
-    world = world_of(allocate_worlds(1, slots, setting.road.perception.late))
+    world = world_of(allocate_worlds(1, slots, setting.road))
     reset_world(world, seed, test, setting)
     check_integer("slot", slot, low=1, high=int(world.state["n_vehicles"][0]) - 1)
     scratch, keep = allocate_scratch(slots, setting.who.policy), keep_nothing(slots)

@@ -18,7 +18,7 @@ class RouteTold(Result):
     length_m: Annotated[float, meant("Its length.", "m")]
     stop_m: Annotated[float, meant("Where its stop line is.", "m")]
     signal: Annotated[int, meant("Place of its letter in the states; -1: no signal.")]
-    zones: Annotated[int, meant("Other routes with which it has a zone.")]
+    zones: Annotated[int, meant("Zones that it has with others.")]
     yields_to: Annotated[int, meant("Other routes that go first.")]
 
 
@@ -27,7 +27,7 @@ class SiteTold(Result):
 
     name: Annotated[str, meant("Its name.")]
     routes: Annotated[tuple[RouteTold, ...], meant("Its routes, of vehicles first.")]
-    zones: Annotated[dict[str, int], meant("How many zones of each kind: cross, merge, diverge, shared.")]
+    zones: Annotated[dict[str, int], meant("How many zones of each kind: cross, merge, diverge, shared, weave.")]
     programme_s: Annotated[float, meant("How long the programme of the signals lasts; 0: no signals.", "s")]
     phases: Annotated[int, meant("Its phases.")]
     notes: Annotated[tuple[str, ...], meant("What its source holds and it does not.")]

@@ -10,13 +10,15 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cornerforge._jit import inlined_kernel
 from cornerforge.perception import PERFECT, PerceptionNumbers, numbers_of_perception
 from cornerforge.road.lanes import LaneTable, av_lanes_at, lane_table
+from cornerforge.site.tables import NO_SITE, site_numbers
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from cornerforge.types import Odd
 
@@ -92,6 +94,7 @@ class RoadNumbers(NamedTuple):
         spacing: `Odd.spacing`.
         law: Factors of the laws by which BVs merge and stop; not read where lanes go on and none stops.
         perception: What the AV perceives.
+        site: The site, (1,) of `site.tables.SITE`; none on a road.
     """
 
     n_lanes: int
@@ -126,12 +129,13 @@ class RoadNumbers(NamedTuple):
     spacing: float
     law: LawFactors = STATED
     perception: PerceptionNumbers = PERFECT
+    site: NDArray[np.void] = NO_SITE
 
 
 def road_numbers(odd: Odd) -> RoadNumbers:
     """Make the constants of an ODD for the kernels."""
     lanes = lane_table(odd)
-    one_size = len(odd.sizes_on_road) == 1
+    one_size = len(odd.sizes_on_road) == 1 and odd.site is None
     return RoadNumbers(
         odd.n_lanes,
         odd.lane_width,
@@ -164,7 +168,15 @@ def road_numbers(odd: Odd) -> RoadNumbers:
         odd.traffic == "queue",
         odd.spacing,
         perception=numbers_of_perception(odd.perception),
+        site=site_of(odd),
     )
+
+
+def site_of(odd: Odd) -> NDArray[np.void]:
+    """Make the record of an ODD's site; none of a road."""
+    if odd.site is None or odd.laws is None or odd.demand is None:
+        return NO_SITE
+    return site_numbers(odd.site, odd.laws, odd.demand, odd.time_limit)
 
 
 # Lanes

@@ -33,6 +33,7 @@ from cornerforge.sim.world import World
 __all__ = [
     "apply_action",
     "hold",
+    "hold_from",
     "nearest_action",
     "ordered_lane",
     "start_lane_change",
@@ -74,7 +75,13 @@ def start_lane_change(w: World, i: int, target_lane: int, road: RoadNumbers) -> 
 
 @inlined_kernel
 def hold(v: NDArray[np.void], i: int, acceleration: float, road: RoadNumbers) -> None:
-    """Let vehicle i go to an acceleration [m/s2] from now on, at the ODD's jerk, and hold it.
+    """Let vehicle i go to an acceleration [m/s2] from now on, at the ODD's jerk, and hold it."""
+    begin_along(v, i, hold_from(v, i, acceleration, road))
+
+
+@inlined_kernel
+def hold_from(v: NDArray[np.void], i: int, acceleration: float, road: RoadNumbers) -> float:
+    """Let vehicle i go to an acceleration, as `hold`; return how far ahead of it that would have begun [m].
 
     A ramp that is over within a substep, away from the limits of speed, is put into the place and the speed that the
     held acceleration would have begun with: from the ramp's end on the motion is the same, and nothing reads it
@@ -90,12 +97,11 @@ def hold(v: NDArray[np.void], i: int, acceleration: float, road: RoadNumbers) ->
     speed = v[i].speed
     if ramp <= FRAME_S and most <= speed and speed + most <= road.max_speed:
         v[i].acceleration_held = acceleration
-        begin_along(v, i, _SIXTH * change * ramp * ramp)
         v[i].speed_held = speed - 0.5 * change * ramp
-    else:
-        v[i].acceleration_held = now
-        begin_along(v, i, 0.0)
-        v[i].speed_held = speed
+        return _SIXTH * change * ramp * ramp
+    v[i].acceleration_held = now
+    v[i].speed_held = speed
+    return 0.0
 
 
 @inlined_kernel

@@ -242,12 +242,19 @@ def _careful(w: World, substep: int, road: RoadNumbers, av: AvNumbers, _scratch:
     return min(gentle, hard), lane
 
 
+@inlined_kernel
+def _keeps_on(w: World, _substep: int, _road: RoadNumbers, _av: AvNumbers, _scratch: AvScratch) -> tuple[float, int]:
+    """Drive on as it is: an AV of sites is refused on a road (`experiment.setting`) and decides elsewhere (`site.av`)."""
+    return 0.0, w.vehicles[0].target_lane
+
+
 _DECISIONS = {
     "watchful": _watchful,
     "cautious": _cautious,
     "learned": _learned,
     "careful": _careful,
     "flawed": flawed,
+    "junction": _keeps_on,
 }
 """The decision of each law except the plain one. Each takes the world, the substep (0 to 9), road, AV and scratch, and
 returns an acceleration [m/s2] and a target lane. It changes nothing but the scratch and, in the world, what the law

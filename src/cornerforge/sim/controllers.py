@@ -29,6 +29,7 @@ __all__ = [
     "RAILS",
     "RECORDED",
     "SCRIPTED",
+    "SITE_ADVERSARIES",
     "STEERED",
     "TOLD",
     "Cast",
@@ -49,6 +50,8 @@ ADVERSARIES = {"nobody": NOBODY, "policy": POLICY, "uniform": UNIFORM, "lane-cha
 """Controllers of the critical BV, by name. nobody: the controller of the other BVs. policy: a learned network. uniform:
 any allowed action. lane-changer: changes lanes two times in three. swerve: comes level with the AV in the next lane,
 then changes into its lane. TOLD, which has no name here: somebody outside the kernels."""
+SITE_ADVERSARIES = ("uniform",)
+"""Plain adversaries that drive and walk at sites."""
 NATURALISTIC, IDM_BVS, SCRIPTED, RAILS = range(4)
 """Controllers of the other BVs: the naturalistic model, the IDM without lane changes, a script of actions for every BV,
 or rails that say where every BV is (`sim.rails`)."""

@@ -25,6 +25,7 @@ from cornerforge.types import HIGHEST_COMMAND, LOWEST_COMMAND
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.keep import Keep
     from cornerforge.sim.scratch import Scratch
     from cornerforge.sim.setting import Setting
@@ -55,14 +56,16 @@ class Batch(NamedTuple):
     views: NDArray[Any]
 
 
-def allocate_batch(n_worlds: int, slots: int, views: NDArray[Any] | None = None, late: int = 0) -> Batch:
+def allocate_batch(
+    n_worlds: int, slots: int, views: NDArray[Any] | None = None, road: RoadNumbers | None = None
+) -> Batch:
     """A batch of idle worlds; `views` is where what AVs see is written, None: float32 (B, 13, 8).
 
-    `late`: how late the AV sees, in tenths of a second.
+    `road`: of the tests; None: a road on which the AV sees at once.
     """
     if views is None:
         views = np.zeros((n_worlds, VIEW_ROWS, VIEW_COLUMNS), dtype=np.float32)
-    return Batch(allocate_worlds(n_worlds, slots, late), views)
+    return Batch(allocate_worlds(n_worlds, slots, road), views)
 
 
 def running(batch: Batch) -> NDArray[np.int64]:

@@ -37,9 +37,12 @@ from cornerforge.sim.observe import allowed_actions, observe, spend_budget
 from cornerforge.sim.outcome import RUNNING
 from cornerforge.sim.perception import lose_controlled, remember, show_as_is, show_as_seen
 from cornerforge.sim.rails import name_actions
+from cornerforge.sim.site.av import junction_av_decides
+from cornerforge.sim.site.second import decide_at_site
 from cornerforge.sim.statistics import count_av, count_choices, count_states, count_travel
 from cornerforge.sim.step import av_acts, begin_to_act, move_on
 from cornerforge.sim.world import NO_ACTION, NO_VEHICLE
+from cornerforge.site.tables import at_site
 from cornerforge.types import (
     ACCELERATIONS,
     ACTION_SIDES,
@@ -187,7 +190,10 @@ def _drives_as_natural(w: World, substep: int, setting: Setting, s: Scratch) -> 
 def _decides_by_what_it_sees(w: World, substep: int, setting: Setting, s: Scratch) -> tuple[float, int]:
     """Let a built-in AV decide in the world that it perceives, and keep what it notes there."""
     show_as_seen(w, substep, setting.road, s.av)
-    command, lane = built_in_av_decides(w, substep, setting.road, setting.av, s.av)
+    if at_site(setting.road.site):
+        command, lane = junction_av_decides(w, substep, setting.road, setting.av), w.vehicles[0].target_lane
+    else:
+        command, lane = built_in_av_decides(w, substep, setting.road, setting.av, s.av)
     show_as_is(w, setting.road, s.av)
     return command, lane
 
@@ -205,6 +211,8 @@ def _av_decides(w: World, substep: int, setting: Setting, s: Scratch) -> tuple[f
         return _drives_as_natural(w, substep, setting, s)
     if setting.road.perception.on:
         return _decides_by_what_it_sees(w, substep, setting, s)
+    if at_site(setting.road.site):
+        return junction_av_decides(w, substep, setting.road, setting.av), w.vehicles[0].target_lane
     return built_in_av_decides(w, substep, setting.road, setting.av, s.av)
 
 
@@ -286,9 +294,9 @@ def _critical_bv_acts(w: World, av_lane: int, recorded: bool, setting: Setting, 
 
 
 @inlined_kernel
-def _is_counted(step: int, keep: Keep) -> bool:
-    """Does the second `step` go into the counts?"""
-    return keep.census.on and keep.census.first <= step < keep.census.until
+def _is_counted(step: int, keep: Keep, road: RoadNumbers) -> bool:
+    """Does the second `step` go into the counts? They are of roads."""
+    return keep.census.on and not at_site(road.site) and keep.census.first <= step < keep.census.until
 
 
 @inlined_kernel
@@ -309,7 +317,7 @@ def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scra
     if who.others != RAILS and step >= state.steers_from and (who.critical != NOBODY or recorded):
         bv, action, log_prob_policy = _critical_bv_acts(w, lane, recorded, setting, s)
     state.bv_has_answered = 0
-    if _is_counted(step, keep):
+    if _is_counted(step, keep, setting.road):
         count_av(w, setting.road, keep.counts)
         state.travel += count_states(w, step, keep.counts, keep.census)
     state.bv_crashes_before = state.bv_crashes
@@ -318,6 +326,8 @@ def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scra
     elif who.others == RAILS:
         sort_by_x(w)
         name_actions(w, who.rails)
+    elif at_site(setting.road.site):
+        decide_at_site(w, action, setting, s)
     else:
         decide_bvs(w, action, lane, setting, s)
     if recorded:
@@ -329,7 +339,7 @@ def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scra
 @inlined_kernel
 def _count_second(w: World, road: RoadNumbers, keep: Keep) -> None:
     """Count what the BVs did in the second that is over."""
-    if _is_counted(w.state[0].decisions - 1, keep):
+    if _is_counted(w.state[0].decisions - 1, keep, road):
         count_choices(w, road, keep.counts)
 
 

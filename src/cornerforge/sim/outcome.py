@@ -8,6 +8,7 @@ import numpy as np
 
 from cornerforge._jit import inlined_kernel
 from cornerforge.road.straight import driven
+from cornerforge.site.tables import at_site
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -87,4 +88,4 @@ def write_outcome(w: World, out: Outcomes, k: int, road: RoadNumbers) -> None:
     out.slot_b[k] = state.slot_b
     out.bv_crashes[k] = state.bv_crashes
     out.decisions[k] = state.decisions
-    out.distance[k] = driven(w.vehicles, 0, road)
+    out.distance[k] = w.agents[0].s if at_site(road.site) else driven(w.vehicles, 0, road)

@@ -350,7 +350,7 @@ def perceived(scenario: Scenario) -> NDArray[np.float64]:
     from cornerforge.sim.scratch import allocate_av_scratch
 
     road, slots = road_numbers(scenario.odd), int(scenario.slot.max()) + 1
-    w = world_of(allocate_worlds(1, slots, road.perception.late))
+    w = world_of(allocate_worlds(1, slots, road))
     state = w.state[0]
     state["seed"], state["test"], state["n_vehicles"] = scenario.seed, scenario.test, slots
     for body in ("length", "width"):

@@ -93,8 +93,8 @@ def find_pairs(w: World, road: RoadNumbers, s: Scratch) -> None:
             if v[j].present == 0 or dx > road.longest + 1.0 + max(0.0, s.most[i] - s.least[j]):
                 continue
             if abs(v[j].y - v[i].y) < road.widest + 1.0 + reach + _lateral_reach(w, j, road):
-                w.pair_a[found] = min(i, j)
-                w.pair_b[found] = max(i, j)
+                w.pairs[found, 0] = min(i, j)
+                w.pairs[found, 1] = max(i, j)
                 found += 1
     state.n_pairs = found
 
@@ -104,8 +104,8 @@ def pairs_of_av(w: World) -> None:
     """List all pairs of the AV with another vehicle: on rails there is no bound of motion."""
     state = w.state[0]
     for j in range(1, state.n_vehicles):
-        w.pair_a[j - 1] = 0
-        w.pair_b[j - 1] = j
+        w.pairs[j - 1, 0] = 0
+        w.pairs[j - 1, 1] = j
     state.n_pairs = max(0, state.n_vehicles - 1)
 
 
@@ -207,8 +207,8 @@ def choose_current(w: World, s: Scratch, everybody: bool, road: RoadNumbers) -> 
     for i in range(n):
         s.is_watched[i] = _UNSURE if v[i].duration > 0.0 else 0
     for k in range(state.n_pairs):
-        s.is_watched[w.pair_a[k]] = _UNSURE
-        s.is_watched[w.pair_b[k]] = _UNSURE
+        s.is_watched[w.pairs[k, 0]] = _UNSURE
+        s.is_watched[w.pairs[k, 1]] = _UNSURE
     _bound_av_neighbours(w, s, road)
     for lane in range(road.n_lanes):
         w.av[0].lead[lane] = NO_VEHICLE

@@ -52,7 +52,7 @@ class Recording:
         self._setting = setting
         self._odd = odd
         slots = n_slots(odd)
-        self._worlds = allocate_worlds(1, slots, setting.road.perception.late)
+        self._worlds = allocate_worlds(1, slots, setting.road)
         self._world = world_of(self._worlds)
         self._scratch = allocate_scratch(slots, setting.who.policy)
         self._keep = keep_whole_test(setting, slots)

@@ -134,7 +134,7 @@ def drive_chunk(
     out, counts = allocate_outcomes(count), allocate_counts()
     scratch = allocate_scratch(slots, setting.who.policy)
     world, keep = (
-        world_of(allocate_worlds(1, slots, setting.road.perception.late)),
+        world_of(allocate_worlds(1, slots, setting.road)),
         keep_nothing(slots, counts=counts, census=census_of(counting)),
     )
     with naming_tests(world):
@@ -152,7 +152,7 @@ def drive_chunk_by_window(
     """
     out = allocate_outcomes(count)
     world, scratch = (
-        world_of(allocate_worlds(1, slots, setting.road.perception.late)),
+        world_of(allocate_worlds(1, slots, setting.road)),
         allocate_scratch(slots, setting.who.policy),
     )
     with naming_tests(world):

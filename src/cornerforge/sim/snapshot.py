@@ -16,13 +16,13 @@ from cornerforge._checks import check_integer
 from cornerforge._schema import parse
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.sim.setting import Setting
-from cornerforge.sim.world import MAX_BRANCH, VEHICLE, World, allocate_worlds, n_slots, world_of
+from cornerforge.sim.world import MAX_BRANCH, VEHICLE, World, allocate_like, n_slots, world_of
 from cornerforge.sim.world_values import world_fault
 from cornerforge.types import SUBSTEPS
 
 __all__ = ["branch_of", "copy_of", "packed", "unpacked"]
 
-SNAPSHOT_SCHEMA = 4
+SNAPSHOT_SCHEMA = 5
 _MAGIC = b"cornerforge world\n"
 _DIGEST_BYTES = 32
 
@@ -122,10 +122,11 @@ def _allocated(head: bytes, size: int) -> World:
     try:
         slots = int(header["arrays"]["vehicles"]["shape"][0])
         parts = int(header["arrays"]["seen"]["shape"][0]) // slots
+        agents = slots if header["arrays"]["agents"]["shape"][0] else 0
     except (LookupError, TypeError, ValueError, OverflowError, ZeroDivisionError):
-        slots = parts = 0
+        slots = parts = agents = 0
     if 0 < slots <= size // VEHICLE.itemsize and 1 <= parts <= SUBSTEPS + 2:
-        world = world_of(allocate_worlds(1, slots, max(0, parts - 2)))
+        world = world_of(allocate_like(1, slots, max(0, parts - 2), agents))
         if header["arrays"] == _layout(world) and sum(array.nbytes for array in world) == size:
             return world
     raise FileFormatError(

@@ -6,20 +6,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cornerforge._jit import inlined_kernel, kernel
+from cornerforge._jit import inlined_kernel, kernel, shared_kernel
 from cornerforge.fields import FRAME_FIELDS
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.road.lanes import has_lane, has_left
 from cornerforge.road.straight import distance_left
-from cornerforge.sim.actions import apply_action, hold, start_lane_change
+from cornerforge.sim.actions import apply_action, hold, hold_from, start_lane_change
 from cornerforge.sim.bicycle import steer_on
 from cornerforge.sim.controllers import BUILT_IN, RAILS, RECORDED
 from cornerforge.sim.motion import move_vehicle
 from cornerforge.sim.outcome import AV_CRASH, BV_CRASH, COMPLETED, LEFT_ROAD, RUNNING, TIME_UP
 from cornerforge.sim.rails import ride
+from cornerforge.sim.site.choice import act_at_site
+from cornerforge.sim.site.second import ends_at_site, find_pairs_at_site, move_agent
 from cornerforge.sim.reach import bound_motion, choose_current, find_pairs, pairs_of_av
 from cornerforge.sim.world import all_current, forget_av_neighbours, list_all
-from cornerforge.types import ACCELERATIONS, FRAME_S, SUBSTEPS
+from cornerforge.site.tables import at_site
+from cornerforge.types import ACCELERATIONS, FRAME_S, LOWEST_COMMAND, SUBSTEPS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -92,8 +95,8 @@ def _check_contacts(w: World, frame: int, road: RoadNumbers) -> bool:
     """
     state = w.state[0]
     for k in range(state.n_pairs):
-        a = w.pair_a[k]
-        b = w.pair_b[k]
+        a = w.pairs[k, 0]
+        b = w.pairs[k, 1]
         is_av = a == 0
         if not is_av and (state.outcome != RUNNING or (state.controlled != a and state.controlled != b)):
             continue
@@ -108,8 +111,8 @@ def _check_contacts(w: World, frame: int, road: RoadNumbers) -> bool:
         return True
     removed = False
     for k in range(state.n_pairs):
-        a = w.pair_a[k]
-        b = w.pair_b[k]
+        a = w.pairs[k, 0]
+        b = w.pairs[k, 1]
         if a > 0 and _touch(w, a, b, road):
             state.bv_crashes += 1
             w.vehicles[a].present = 0
@@ -170,9 +173,21 @@ def av_acts(w: World, command: float, lane: int, road: RoadNumbers) -> None:
     if w.av[0].steers:
         v[0].commanded = command
         return
+    if at_site(road.site):
+        v[0].x_held = w.agents[0].s + hold_from(v, 0, max(LOWEST_COMMAND, command), road)
+        return
     hold(v, 0, command, road)
     if lane != v[0].target_lane and (not road.lanes.varied or has_lane(lane, v[0].x, road)):
         start_lane_change(w, 0, lane, road)
+
+
+@shared_kernel
+def _move_at_site(w: World, substep: int, road: RoadNumbers) -> None:
+    """Move all agents to the end of a substep."""
+    move_agent(w, 0, (substep % road.av_substeps + 1) * _DT, road)
+    for k in range(w.state[0].n_current):
+        if w.current[k] > 0:
+            move_agent(w, w.current[k], (substep + 1) * _DT, road)
 
 
 @inlined_kernel
@@ -184,6 +199,9 @@ def _move(w: World, substep: int, setting: Setting) -> None:
     v = w.vehicles
     state = w.state[0]
     road = setting.road
+    if at_site(road.site):
+        _move_at_site(w, substep, road)
+        return
     if substep == SUBSTEPS - 1:
         list_all(w)
     since = substep % road.av_substeps
@@ -202,6 +220,18 @@ def _move(w: World, substep: int, setting: Setting) -> None:
         move_vehicle(v, w.current[k], held, road)
 
 
+@shared_kernel
+def _begin_at_site(w: World, command: float, setting: Setting) -> None:
+    """Let all agents begin to act, and the AV with `command` [m/s2]."""
+    for k in range(w.state[0].n_current):
+        i = w.current[k]
+        if i > 0:
+            act_at_site(w, i, w.vehicles[i].action, setting.road)
+    av_acts(w, command, w.vehicles[0].target_lane, setting.road)
+    find_pairs_at_site(w)
+    w.state[0].decisions += 1
+
+
 @inlined_kernel
 def begin_to_act(w: World, command: float, lane: int, everybody: bool, setting: Setting, s: Scratch) -> None:
     """Let all vehicles begin to act: BVs by their `action`, the AV with `command` [m/s2] and target `lane`.
@@ -212,6 +242,9 @@ def begin_to_act(w: World, command: float, lane: int, everybody: bool, setting: 
     v = w.vehicles
     road, av = setting.road, setting.av
     on_rails = setting.who.others == RAILS
+    if at_site(road.site):
+        _begin_at_site(w, command, setting)
+        return
     for i in range(1, w.state[0].n_vehicles):
         if v[i].present and not on_rails:
             apply_action(w, i, v[i].action, _ACCELERATIONS, road)
@@ -240,7 +273,10 @@ def move_on(w: World, substep: int, setting: Setting, recording: NDArray[np.void
     ends = _check_contacts(w, frame, road)
     if road.lanes.varied and not ends:
         ends = _check_lanes(w, frame, substep == SUBSTEPS - 1, road)
-    if not ends and distance_left(w.vehicles, 0, road) <= 0.0:
+    if at_site(road.site):
+        if not ends:
+            ends = ends_at_site(w, frame, substep == SUBSTEPS - 1, road.site)
+    elif not ends and distance_left(w.vehicles, 0, road) <= 0.0:
         state.outcome = COMPLETED
         state.frame = frame
         ends = True

@@ -22,6 +22,8 @@ from cornerforge.sim.outcome import RUNNING, UNDRAWN
 from cornerforge.sim.perception import begin_to_remember
 from cornerforge.sim.rails import put_on_rails
 from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, all_current
+from cornerforge.sim.site.traffic import reset_at_site
+from cornerforge.site.tables import at_site
 from cornerforge.types import CAR, CLASSES, MOTORCYCLE, QUEUE_FROM, QUEUE_TO, TRUCK
 
 if TYPE_CHECKING:
@@ -398,6 +400,7 @@ def clear_world(w: World, seed: int, test: int, branch: int) -> None:
     state.bv_action = NO_ACTION
     state.hidden = NO_VEHICLE
     state.travel = 0.0
+    state.clock = 0.0
     av = w.av[0]
     av.has_answered = 0
     av.lane = 0
@@ -441,6 +444,9 @@ def linked_reset_world(w: World, seed: int, test: int, setting: Setting) -> None
     state.budget_left = mask.budget
     state.budget_most = mask.budget if mask.excess else 0
     state.steers_from = mask.steers_from if setting.who.critical != NOBODY else 0
+    if at_site(road.site):
+        reset_at_site(w, setting)
+        return
     av_lane = _av_lane(uniform(_next_words(w)[0]), road)
     words = _next_words(w)
     mean = initial.speed_mean + initial.stream_sd * normal_pair(words[0], words[1])[0]

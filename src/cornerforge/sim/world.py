@@ -9,18 +9,25 @@ from numpy.typing import NDArray
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.sim.outcome import IDLE
+from cornerforge.site.tables import slots_at
 from cornerforge.types import CAR, CLASSES, MAX_LANES, SUBSTEPS, Odd
 
 if TYPE_CHECKING:
     from cornerforge.road.straight import RoadNumbers
 
 __all__ = [
+    "AGENT",
+    "ALL_OF_THEM",
     "AV",
+    "COMES",
+    "GONE",
+    "HERE",
     "SEEN",
     "STATE",
     "VEHICLE",
     "World",
     "all_current",
+    "allocate_like",
     "allocate_worlds",
     "forget_av_neighbours",
     "list_all",
@@ -107,8 +114,38 @@ STATE = _record(
     ("bv_action", "i8", "that answer"),
     ("hidden", "i8", "slot of the BV that an adversary makes the AV lose in this second; NO_VEHICLE for none"),
     ("travel", "f8", "distance that the counted BVs drove [m]"),
+    ("clock", "f8", "time of a site's signals when the test began [s]"),
 )
 """What a world is besides its vehicles."""
+
+COMES, HERE, GONE = range(3)
+"""Stages of an agent: it has not come yet; it is there; it has left."""
+ALL_OF_THEM = -2
+"""In `AGENT.overlooks`: it looks at none."""
+AGENT = _record(
+    ("s", "f8", "box centre along its route [m]"),
+    ("route", "i8", "index of its route"),
+    ("stage", "i8", "COMES, HERE or GONE"),
+    ("marks", "i8", "what it is like and has decided, a bit mask (`site_agents`)"),
+    ("enters", "f8", "when it comes, since the start [s]"),
+    ("headway", "f8", "its factor of the time gap that it keeps"),
+    ("gaps", "f8", "its factor of critical gaps"),
+    ("manners", "f8", "its factor of the gap left to people; of a person, to vehicles"),
+    ("cleared", "f8", "it has decided to go as far as this along its route [m]"),
+    ("overlooks", "i8", "slot that it overlooks; NO_VEHICLE; ALL_OF_THEM"),
+    ("heeds", "i8", "slot that it has given way to last; NO_VEHICLE"),
+    ("free", "f8", "acceleration with which it goes; of a person the speed [m/s2, m/s]"),
+    ("stops", "f8", "acceleration with which it gives way; of a person the speed [m/s2, m/s]"),
+    ("most", "f8", "it accelerates no more, so as not to run into what is ahead [m/s2]"),
+    ("chooses", "i8", "1 if it has to choose between going and giving way"),
+    ("goes", "f8", "chance that it goes, where it chooses"),
+    ("for_whom", "i8", "slot because of which it chooses; NO_VEHICLE: a light"),
+    ("until", "f8", "how far it would have decided to go [m]"),
+    ("ratio", "f8", "to whoever looks at the moment: the gap before it over the critical gap"),
+    ("begins", "f8", "and where the zone with it begins along that one's route [m]"),
+    ("unseen", "i8", "1 if to go would mean that it overlooks `for_whom`"),
+)
+"""One vehicle or person at a site. From `free` on: how it saw the world at the last decision."""
 
 AV = _record(
     ("lead", f"({MAX_LANES},)i8", "for each lane the only vehicle that can be its nearest ahead until the second's end;"
@@ -140,10 +177,11 @@ class World(NamedTuple):
         current: Slots of the vehicles with the state of this moment, int64 (N,), the first `state.n_current` entries:
             at decision times all that are present, within a second only vehicles that another may touch or look at. The
             AV comes first; the first `state.n_seen` may be looked at; slots rise within both parts.
-        pair_a, pair_b: Slots of the pairs that can touch within the running second, int16 (N (N - 1) / 2,), room for
-            all pairs; the first `state.n_pairs` entries; a < b.
+        pairs: Slots of the pairs that can touch within the running second, int16 (N (N - 1) / 2, 2), room for all
+            pairs; the first `state.n_pairs` rows; the smaller slot first.
         seen: Each BV's state at the last decision time, for counting, N of SEEN. For an AV that sees late K times N
             more follow: where all were in the last K tenths of a second, tenth t in part t mod K.
+        agents: What is known of each vehicle and person at a site, (N,) of AGENT; (0,) on a road.
     """
 
     vehicles: NDArray[np.void]
@@ -152,9 +190,9 @@ class World(NamedTuple):
     noticed: NDArray[np.int64]
     order: NDArray[np.int64]
     current: NDArray[np.int64]
-    pair_a: NDArray[np.int16]
-    pair_b: NDArray[np.int16]
+    pairs: NDArray[np.int16]
     seen: NDArray[np.void]
+    agents: NDArray[np.void]
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """List the arrays of this world or batch by name, as views; records as bytes."""
@@ -180,15 +218,30 @@ SEEN = _record(
 
 
 def n_slots(road: Odd | RoadNumbers) -> int:
-    """Compute the vehicle slots per world: the AV, and one vehicle every `spacing` of traffic in each lane."""
+    """Compute the vehicle slots per world: the AV, and one vehicle every `spacing` of traffic in each lane.
+
+    At a site: the AV, and as many as come in a test and its warm-up, but in one of 1e9.
+    """
+    if isinstance(road, Odd):
+        if road.site is not None and road.demand is not None:
+            return slots_at(road.site, road.demand, road.time_limit)
+    elif road.site.size:
+        return int(road.site[0]["slots"])
     return 1 + road.n_lanes * int(np.ceil(road.traffic_length / road.spacing))
 
 
-def allocate_worlds(n_worlds: int, slots: int, late: int = 0) -> World:
+def allocate_worlds(n_worlds: int, slots: int, road: RoadNumbers | None = None) -> World:
     """Allocate a batch of idle worlds: arrays with a leading axis of `n_worlds`, `slots` vehicles each, all cars.
 
-    `late`: how late the AV sees, in tenths of a second.
+    `road`: of the tests, a site too; None: a road on which the AV sees at once.
     """
+    if road is None:
+        return allocate_like(n_worlds, slots)
+    return allocate_like(n_worlds, slots, int(road.perception.late), slots if road.site.size else 0)
+
+
+def allocate_like(n_worlds: int, slots: int, late: int = 0, agents: int = 0) -> World:
+    """Allocate as `allocate_worlds` for an AV that sees so late [0.1 s], and with so many agents of a site."""
     worlds = World(
         vehicles=np.zeros((n_worlds, slots), dtype=VEHICLE),
         state=np.zeros((n_worlds, 1), dtype=STATE),
@@ -196,9 +249,9 @@ def allocate_worlds(n_worlds: int, slots: int, late: int = 0) -> World:
         noticed=np.zeros((n_worlds, slots), dtype=np.int64),
         order=np.zeros((n_worlds, slots), dtype=np.int64),
         current=np.zeros((n_worlds, slots), dtype=np.int64),
-        pair_a=np.zeros((n_worlds, slots * (slots - 1) // 2), dtype=np.int16),
-        pair_b=np.zeros((n_worlds, slots * (slots - 1) // 2), dtype=np.int16),
+        pairs=np.zeros((n_worlds, slots * (slots - 1) // 2, 2), dtype=np.int16),
         seen=np.zeros((n_worlds, slots * (late + 2 if late else 1)), dtype=SEEN),
+        agents=np.zeros((n_worlds, agents), dtype=AGENT),
     )
     worlds.state["outcome"] = IDLE
     worlds.vehicles["length"], worlds.vehicles["width"] = CLASSES[CAR].length, CLASSES[CAR].width
@@ -215,9 +268,9 @@ def world_row(worlds: World, b: int) -> World:
         worlds.noticed[b],
         worlds.order[b],
         worlds.current[b],
-        worlds.pair_a[b],
-        worlds.pair_b[b],
+        worlds.pairs[b],
         worlds.seen[b],
+        worlds.agents[b],
     )
 
 

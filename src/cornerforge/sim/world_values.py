@@ -51,7 +51,7 @@ def world_fault(world: World, n_lanes: int = MAX_LANES) -> str | None:
         world: One world, not a batch.
         n_lanes: Lanes of its road, 1 to `MAX_LANES`; where that is not known, the most.
     """
-    slots, pairs = world.vehicles.size, world.pair_a.size
+    slots, pairs = world.vehicles.size, len(world.pairs)
     slot, no_slot = (0, slots - 1), (NO_VEHICLE, slots - 1)
     within = _WITHIN | {
         **dict.fromkeys(("vehicles.target_lane", "av.lane", "seen.target_lane"), (0, n_lanes - 1)),
@@ -61,16 +61,14 @@ def world_fault(world: World, n_lanes: int = MAX_LANES) -> str | None:
         "state.n_pairs": (0, pairs),
         "order": slot,
         "current": slot,
-        "pair_a": slot,
-        "pair_b": slot,
+        "pairs": slot,
         **dict.fromkeys(("av.lead", "av.rear"), (UNKNOWN, slots - 1)),
     }
     state = world.state[0]
     in_use = {
         **dict.fromkeys(("vehicles", "noticed", "seen", "order"), state["n_vehicles"]),
         "current": state["n_current"],
-        "pair_a": state["n_pairs"],
-        "pair_b": state["n_pairs"],
+        "pairs": state["n_pairs"],
     }
     for name in ("state", *(name for name in World._fields if name != "state")):
         array = getattr(world, name)[: in_use.get(name)]

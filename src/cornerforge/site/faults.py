@@ -19,6 +19,8 @@ _TIGHTEST = 3.0
 """Least radius of a route of vehicles [m]."""
 _LONGEST_GAP = 1.5
 """Most distance of two points of a route of vehicles [m]."""
+_ROUNDED = 2e-3
+"""Places in files are rounded, so a route may seem shorter by so much [m]."""
 _LETTERS = "Ggyr"
 _AMBER = (2.0, 8.0)
 """Lengths of an amber light that are believed [s]; the MUTCD names 3 to 6 s (from memory)."""
@@ -47,8 +49,10 @@ def _of_route(route: Route, site: Site) -> Iterator[str]:
     if len(route.points) < 2 or not np.isfinite(route.line).all():
         yield f"route {route.name} has no two points"
         return
-    if not 0.0 <= route.stop <= route.leaves <= route.length + 1e-6:
+    if not 0.0 <= route.stop <= route.leaves <= route.length + _ROUNDED:
         yield f"route {route.name}: its stop line and its end of the junction are not in order along it"
+    if route.yields_at and len(route.yields_at) != len(route.yields_to):
+        yield f"route {route.name} yields to {len(route.yields_to)} routes at {len(route.yields_at)} places"
     if any(not 0 <= k < len(site.routes) for k in route.yields_to):
         yield f"route {route.name} yields to a route that is not there"
     if route.turn == "walk":

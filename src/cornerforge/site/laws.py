@@ -45,8 +45,12 @@ class Laws:
     gap_spread: Annotated[float, meant("Standard deviation of the log of critical gaps between drivers.", "", 0, 1)] = (
         0.25
     )
-    gap_error: Annotated[float, meant("Standard deviation of the log of a gap as it is judged, within.", "", 0.01, 1)] = 0.1
-    right_on_red: Annotated[float, meant("Share of drivers that turn right on red where that is allowed.", "", 0, 1)] = 0.5
+    gap_error: Annotated[
+        float, meant("Standard deviation of the log of a gap as it is judged, within.", "", 0.01, 1)
+    ] = 0.1
+    right_on_red: Annotated[
+        float, meant("Share of drivers that turn right on red where that is allowed.", "", 0, 1)
+    ] = 0.5
     to_people: Annotated[float, meant("Median gap that a driver leaves to people on their way.", "s", 0.1, 12)] = 2.5
     to_people_spread: Annotated[float, meant("Standard deviation of its log between drivers.", "", 0, 2)] = 0.5
     walks: Annotated[
@@ -68,7 +72,9 @@ class Laws:
     overlooks_person: Annotated[
         float, meant("Error: chance that a driver overlooks a person, at a decision to go.", "", 0, 0.1)
     ] = 2e-4
-    looks_away: Annotated[float, meant("Error: chance in a second that a driver begins to look away.", "", 0, 0.5)] = 0.02
+    looks_away: Annotated[float, meant("Error: chance in a second that a driver begins to look away.", "", 0, 0.5)] = (
+        0.02
+    )
     looks_back: Annotated[float, meant("Chance in a second that it looks at the road again.", "", 0.05, 1)] = 0.7
     walks_blindly: Annotated[
         float, meant("Error: chance that a person leaves the kerb without looking, at a decision to wait.", "", 0, 0.1)
@@ -88,7 +94,7 @@ class Laws:
 class Demand:
     """How many vehicles and people come to a site."""
 
-    vehicles: Annotated[float, meant("Vehicles that come by each approach lane.", "1/h", 0, 1800)] = 300.0
+    vehicles: Annotated[float, meant("Vehicles that come by each approach lane.", "1/h", 0, 1800)] = 150.0
     people: Annotated[float, meant("People that come to each end of a crosswalk.", "1/h", 0, 1800)] = 40.0
     trucks: Annotated[float, meant("Share of trucks among the vehicles.", "", 0, 0.5)] = 0.05
     left: Annotated[float, meant("Weight of a left turn, where straight on has 1.", "", 0, 10)] = 0.25

@@ -17,9 +17,12 @@ if TYPE_CHECKING:
 __all__ = ["SITE_FILES", "STEP", "TURNS", "Phase", "Route", "Site", "Turn", "headings_of", "with_amber"]
 
 Turn = Literal["straight", "left", "right", "back", "walk"]
-SITE_FILES = {name: Path(__file__).with_name(f"{name}.json") for name in ("mcity-signal",)}
-"""Sites that come with cornerforge: junction NODE_18 of the Mcity test facility, its programme of signals mended, from
-the University of Michigan's network (mcity/TeraSim, Apache-2.0, `mcity.LICENSE.txt`)."""
+SITE_FILES = {
+    name: Path(__file__).with_name(f"{name}.json") for name in ("mcity-signal", "mcity-crossing", "mcity-roundabout")
+}
+"""Sites that come with cornerforge, of the Mcity test facility: junction NODE_18, its programme of signals mended; the
+crosswalk between junctions at J5 and NODE_27; and its roundabout of four arms. From the University of Michigan's
+network (mcity/TeraSim, Apache-2.0, `mcity.LICENSE.txt`); notes in each say what differs from it."""
 TURNS: tuple[Turn, ...] = ("straight", "left", "right", "back", "walk")
 """Where a route leads from its approach; "walk": it is of people."""
 STEP = 1.0
@@ -36,6 +39,8 @@ class Route:
         limits: Speed limits before the stop line, and behind it [m/s]; of people none matters.
         signal: Index of its letter in the states of the signals; -1: none.
         yields_to: Indices of routes that go first where neither has a red light.
+        yields_at: For each of them how far along this route the middle of the junction is in which they go first [m];
+            empty: wherever they meet.
     """
 
     name: Annotated[str, meant("From where to where.")]
@@ -49,6 +54,7 @@ class Route:
     limits: Annotated[tuple[float, float], meant("Before the stop line, and behind it.", "m/s")]
     signal: Annotated[int, meant("Place of its letter in the states; -1: no signal.", "", -1, 255)]
     yields_to: Annotated[tuple[int, ...], meant("Routes that go first where neither has a red light.")] = ()
+    yields_at: Annotated[tuple[float, ...], meant("For each of them where along this one; none: anywhere.", "m")] = ()
 
     @cached_property
     def line(self) -> NDArray[np.float64]:
@@ -79,7 +85,7 @@ class Phase:
 
 @dataclass(frozen=True)
 class Site:
-    """A junction.
+    """A junction, or several as one.
 
     Attributes:
         routes: Of vehicles first, then of people.

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.adversary.worlds.rewards import RewardNumbers
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim import Keep, Scratch, Setting
 
 __all__ = [
@@ -104,10 +105,10 @@ class BvAgents(NamedTuple):
     reward: NDArray[np.float64]
 
 
-def allocate_bv_agents(n_worlds: int, slots: int, late: int = 0) -> BvAgents:
+def allocate_bv_agents(n_worlds: int, slots: int, road: RoadNumbers | None = None) -> BvAgents:
     """Allocate `n_worlds` idle worlds of `slots` vehicle slots, of an AV that sees so late [0.1 s]."""
     return BvAgents(
-        allocate_worlds(n_worlds, slots, late),
+        allocate_worlds(n_worlds, slots, road),
         np.zeros(n_worlds, dtype=np.bool_),
         np.zeros(n_worlds, dtype=np.int64),
         np.zeros(n_worlds, dtype=np.int64),
@@ -212,10 +213,10 @@ class AvAgents(NamedTuple):
     metres: NDArray[np.float64]
 
 
-def allocate_av_agents(n_worlds: int, slots: int, late: int = 0) -> AvAgents:
+def allocate_av_agents(n_worlds: int, slots: int, road: RoadNumbers | None = None) -> AvAgents:
     """Allocate `n_worlds` idle worlds of `slots` vehicle slots, of an AV that sees so late [0.1 s]."""
     return AvAgents(
-        allocate_worlds(n_worlds, slots, late),
+        allocate_worlds(n_worlds, slots, road),
         np.zeros(n_worlds, dtype=np.bool_),
         np.zeros(n_worlds, dtype=np.int64),
         np.zeros(n_worlds, dtype=np.int64),

@@ -144,7 +144,7 @@ class Group:
         """Load all kernels; moves nobody."""
         none = np.zeros(0, dtype=np.int64)
         setting, actors, s = self._setting, self._actors, self._scratch
-        again = allocate_worlds(1, self._slots, setting.road.perception.late)
+        again = allocate_worlds(1, self._slots, setting.road)
         outside.begin_seconds(none, exploring, actors, s, out)
         outside.look(none, none, actors.worlds, setting, s, self._views)
         outside.go_on(none, none, np.zeros((0, setting.answer_width)), actors, setting, s, self._keep)
@@ -239,7 +239,7 @@ class Group:
         together: no seat is shown nothing between its test's start and now.
         """
         if self._again is None:
-            self._again = allocate_worlds(self._rows.size, self._slots, self._setting.road.perception.late)
+            self._again = allocate_worlds(self._rows.size, self._slots, self._setting.road)
         rows, setting, actors, again = self._rows, self._setting, self._actors, self._again
         own = np.arange(self._rows.size)
         past = actors.history.answered[rows[seats]]

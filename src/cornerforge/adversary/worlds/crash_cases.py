@@ -93,7 +93,7 @@ class CrashCases:
     def __init__(self, setting: Setting, slots: int, verdict: Verdict) -> None:
         self._setting, self._verdict = setting, verdict
         self._room = _Room(
-            world_of(allocate_worlds(1, slots, setting.road.perception.late)),
+            world_of(allocate_worlds(1, slots, setting.road)),
             allocate_scratch(slots, setting.who.policy),
         )
         self._keep = keep_whole_test(setting, slots)

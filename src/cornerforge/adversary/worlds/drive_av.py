@@ -130,10 +130,10 @@ class AvActors(NamedTuple):
     finished: NDArray[np.void]
 
 
-def allocate_av_actors(n_worlds: int, slots: int, n_inputs: int, hostile: NDArray[np.void], late: int = 0) -> AvActors:
+def allocate_av_actors(n_worlds: int, slots: int, n_inputs: int, hostile: NDArray[np.void], road: RoadNumbers | None = None) -> AvActors:
     """Allocate `n_worlds` idle worlds for features of `n_inputs` entries, of an AV that sees so late [0.1 s]."""
     return AvActors(
-        allocate_worlds(n_worlds, slots, late),
+        allocate_worlds(n_worlds, slots, road),
         hostile,
         np.zeros((n_worlds, n_inputs), dtype=np.float32),
         np.zeros((n_worlds, N_ACTIONS), dtype=np.bool_),

@@ -129,7 +129,7 @@ def allocate_history(n_worlds: int, setting: Setting, slots: int) -> History:
         np.zeros((n_worlds, answers, setting.answer_width)),
         np.zeros(n_worlds, dtype=np.int64),
         np.full(n_worlds, -1, dtype=np.int64),
-        world_of(allocate_worlds(1, slots, setting.road.perception.late)),
+        world_of(allocate_worlds(1, slots, setting.road)),
         keep_nothing(slots)._replace(recording=allocate_recording(SUBSTEPS * decisions + 1, slots)),
     )
 
@@ -180,7 +180,7 @@ class Actors(NamedTuple):
 def allocate_actors(n_worlds: int, setting: Setting, slots: int, n_inputs: int) -> Actors:
     """Allocate `n_worlds` idle worlds for observations of `n_inputs` entries."""
     return Actors(
-        allocate_worlds(n_worlds, slots, setting.road.perception.late),
+        allocate_worlds(n_worlds, slots, setting.road),
         allocate_history(n_worlds, setting, slots),
         np.zeros((n_worlds, n_inputs), dtype=np.float32),
         np.zeros((n_worlds, N_ACTIONS), dtype=np.bool_),

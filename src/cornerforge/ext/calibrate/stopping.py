@@ -55,7 +55,7 @@ def _driven(run: Experiment, odd: Odd, seed: int, seconds: range) -> Iterator[tu
     moved = on_road(run, odd)
     setting = moved.setting._replace(tables=tables_of(run.model, stops=True, traffic=odd.traffic))
     world, scratch = (
-        world_of(allocate_worlds(1, moved.slots, setting.road.perception.late)),
+        world_of(allocate_worlds(1, moved.slots, setting.road)),
         allocate_scratch(moved.slots, NO_POLICY),
     )
     for test in range(_BLOCKS * _TESTS):

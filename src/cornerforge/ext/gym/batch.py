@@ -311,7 +311,7 @@ class BvBatch(Batch):
         self, run: Experiment, n: int, threads: int | None, cores: int, reward: RewardNumbers,
         verdict: Verdict | None = None,
     ) -> None:  # fmt: skip
-        self._agents = agents.allocate_bv_agents(n, run.slots, run.setting.road.perception.late)
+        self._agents = agents.allocate_bv_agents(n, run.slots, run.setting.road)
         super().__init__(run, n, threads, cores, self._agents)
         self._setting = run.opened_setting.with_drivers(critical=controllers.TOLD)
         self._pays = reward
@@ -394,7 +394,7 @@ class AvBatch(Batch):
     def __init__(
         self, run: Experiment, n: int, threads: int | None, cores: int, *, box: bool, scaled: bool = False
     ) -> None:
-        self._agents = agents.allocate_av_agents(n, run.slots, run.setting.road.perception.late)
+        self._agents = agents.allocate_av_agents(n, run.slots, run.setting.road)
         super().__init__(run, n, threads, cores, self._agents)
         self._setting = run.setting.with_drivers(av=controllers.OUTSIDE)
         self._box, self._scaled = box, scaled

@@ -128,17 +128,26 @@ class RoadShow(Watched):
     out: Annotated[Path | str | None, meant("New picture, .png or .svg.")] = None
 
 
-_SITE = meant("mcity-signal, or a file of `site import`.", metavar="NAME|FILE")
+_SITE = meant("mcity-signal, mcity-crossing, mcity-roundabout, or a file of `site import`.", metavar="NAME|FILE")
 
 
 class SiteImport(Watched):
-    """Take a junction of a SUMO network: routes, right of way, signals, crosswalks. Nothing drives there yet."""
+    """Take junctions of a SUMO network as one site: routes, right of way, signals, crosswalks."""
 
     file: Annotated[Path | str, meant("SUMO network (.net.xml, .net.xml.gz).", metavar="FILE")] = field(kw_only=False)
-    junction: Annotated[str, meant("Id of the junction.")]
+    junction: Annotated[
+        str, meant("Id of the junction; with commas of several, as of a roundabout, which are one site.")
+    ]
     out: Annotated[Path | str, meant("New site file, .json.")]
+    reach: Annotated[float, meant("Routes lead so far before and behind it, where lanes do.", "m", 10, 300)] = 100.0
+    over: Annotated[
+        bool, meant("Lead them back over other junctions too, by the only way or straight on; the notes name those.")
+    ] = False
     mend_amber: Annotated[
         bool, meant("Give a green that ends without amber one, where others have theirs; the site's notes name it.")
+    ] = False
+    mend_entries: Annotated[
+        bool, meant("Where two routes meet and neither yields, let the one that has just entered; the notes name it.")
     ] = False
 
 
@@ -193,7 +202,11 @@ COMMANDS = (
     ),
     Command(
         SiteImport, "ext.interchange.sites:site_import", "ext.interchange.sites:site_text",
-        ("cornerforge site import city.net.xml.gz --junction NODE_18 --out site.json",), name="site import",
+        (
+            "cornerforge site import city.net.xml.gz --junction NODE_18 --out site.json",
+            "cornerforge site import city.net.xml.gz --junction J1,J2,J3,J4 --over --out roundabout.json",
+        ),
+        name="site import",
     ),
     Command(
         SiteCheck, "ext.interchange.sites:site_check", "ext.interchange.sites:site_text",

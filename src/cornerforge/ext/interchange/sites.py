@@ -8,21 +8,22 @@ from pathlib import Path
 from cornerforge._options import verb
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.experiment.output import check_new_file
+from cornerforge.experiment.sites import read_site
 from cornerforge.ext.interchange.options import SiteCheck, SiteImport, SiteShow
 from cornerforge.ext.interchange.sumo_site import site_of_sumo
 from cornerforge.results.sites import RouteTold, SiteTold
 from cornerforge.results.stating import as_json, from_file
 from cornerforge.site.faults import faults_of
 from cornerforge.site.network import SITE_FILES, Site, with_amber
-from cornerforge.site.zones import Zone, zones_of
+from cornerforge.site.zones import Zone, with_entries_that_yield, zones_of
 from cornerforge.work.files import write_json
 
-__all__ = ["is_faulty", "read_site", "site_check", "site_import", "site_show", "site_text"]
+__all__ = ["is_faulty", "site_check", "site_import", "site_show", "site_text"]
 
 
 @verb(SiteImport)
 def site_import(options: SiteImport) -> SiteTold:
-    """Take a junction of a SUMO network, and write it as a site file.
+    """Take junctions of a SUMO network, and write them as a site file.
 
     Returns:
         What `cornerforge site import --json` prints.
@@ -34,9 +35,11 @@ def site_import(options: SiteImport) -> SiteTold:
     file, out = Path(options.file), Path(options.out)
     check_new_file(out)
     if not file.name.endswith((".xml", ".xml.gz")):
-        raise InputError(f"{file} is no SUMO network; make one with: netconvert --opendrive {file} -o city.net.xml")
-    site = site_of_sumo(file, options.junction)
+        how = f"netconvert --opendrive {file} -o city.net.xml"
+        raise InputError(f"{file} is no SUMO network; make one (pip install eclipse-sumo) with: {how}")
+    site = site_of_sumo(file, options.junction, reach=options.reach, over=options.over)
     site = with_amber(site) if options.mend_amber else site
+    site = with_entries_that_yield(site) if options.mend_entries else site
     told = _told(site, zones_of(site), (str(out),))
     write_json(out, as_json(site))
     return told
@@ -81,19 +84,6 @@ def site_show(options: SiteShow) -> SiteTold:
     return _told(site, zones, files)
 
 
-def read_site(name: str | Path) -> Site:
-    """Give a site by its name, or read it from a file that `site import` has written, whatever is wrong with it.
-
-    Raises:
-        UnknownNameError: No site and no file has this name.
-        FileFormatError: The file is damaged, or holds no site.
-    """
-    file = SITE_FILES.get(str(name), Path(name))
-    if not file.is_file():
-        raise UnknownNameError("site", str(name), [*SITE_FILES, "FILE.json"])
-    return from_file(Site, file, "cornerforge site import")
-
-
 def _told(site: Site, zones: tuple[Zone, ...], files: tuple[str, ...]) -> SiteTold:
     of_route = Counter(k for zone in zones for k in (zone.first, zone.second))
     return SiteTold(
@@ -101,7 +91,7 @@ def _told(site: Site, zones: tuple[Zone, ...], files: tuple[str, ...]) -> SiteTo
         routes=tuple(
             RouteTold(
                 name=route.name, turn=route.turn, length_m=round(route.length, 3), stop_m=route.stop,
-                signal=route.signal, zones=of_route[k], yields_to=len(route.yields_to),
+                signal=route.signal, zones=of_route[k], yields_to=len(set(route.yields_to)),
             )
             for k, route in enumerate(site.routes)
         ),

@@ -20,6 +20,7 @@ from cornerforge.sim import World, allocate_worlds, steering
 
 if TYPE_CHECKING:
     from cornerforge.rates.branching.danger import Ahead
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim import Keep, Scratch, Setting
 
 __all__ = [
@@ -196,15 +197,15 @@ class Population(NamedTuple):
     training: TrainingData
 
 
-def allocate_pool(depth: int, slots: int, decisions: int, places: int = 1, late: int = 0) -> Pool:
+def allocate_pool(depth: int, slots: int, decisions: int, places: int = 1, road: RoadNumbers | None = None) -> Pool:
     """Allocate room for `places` trees of `depth` particles each, of `slots` vehicles; memory is taken on use.
 
-    `late`: how late the AV sees, in tenths of a second.
+    `road`: of the tests; None: a road on which the AV sees at once.
     """
     rows = places * depth
     return Pool(
         depth=depth,
-        worlds=allocate_worlds(rows, slots, late),
+        worlds=allocate_worlds(rows, slots, road),
         weight=np.zeros(rows),
         ratio=np.zeros((rows, MOST_PROPOSALS)),
         proposal=np.zeros(rows, dtype=np.int64),
