@@ -189,7 +189,7 @@
   }
   function drawSite(g, view, site, frame, colours) {
     g.fillStyle = g.strokeStyle = colours.road;
-    g.lineWidth = 0.6 * view.scale;
+    g.lineWidth = 1.2 * view.scale;
     g.beginPath();
     for (const lane of site.lanes) {
       follow(g, view, lane);

@@ -228,15 +228,8 @@ class World {
     );
     return site.lights.map(({ at, walks }) => {
       const material = new MeshBasicMaterial({ color: colours["signal-red"] });
-      const group = new Group();
-      const [x, y] = [(at[0]! + at[2]!) / 2, (at[1]! + at[3]!) / 2];
-      group.position.set(x, y, 0);
-      const stroke = solid(bands(at.map((value, i) => value - (i % 2 === 0 ? x : y)), walks ? 0.5 : 0.8, 0.015), material);
+      const stroke = solid(bands(at, walks ? 0.5 : 0.9, 0.02), material);
       stroke.renderOrder = ORDER.paint;
-      const [half, low, high] = walks ? [0.15, 2.2, 2.6] : [0.28, 4.6, 5.3];
-      group.add(solid(faces({ stuff: "body", bottom: [-half, half, half], top: [-half, half, half], from: low, to: high }), material));
-      scene.add(group);
-      stroke.position.set(x, y, 0);
       scene.add(stroke);
       return material;
     });
@@ -396,7 +389,9 @@ function lay(geometry: BufferGeometry, points: readonly { readonly x: number; re
   const quads: Quad[] = [];
   for (let i = 0; i < most; i++) {
     const [a, b] = [points[i]!, points[i + 1]!];
-    quads.push([[b.x, b.y - half, 0.03], [a.x, a.y - half, 0.03], [a.x, a.y + half, 0.03], [b.x, b.y + half, 0.03]]);
+    const long = Math.hypot(a.x - b.x, a.y - b.y) || 1;
+    const [dx, dy] = [(-half * (a.y - b.y)) / long, (half * (a.x - b.x)) / long];
+    quads.push([[b.x - dx, b.y - dy, 0.03], [a.x - dx, a.y - dy, 0.03], [a.x + dx, a.y + dy, 0.03], [b.x + dx, b.y + dy, 0.03]]);
   }
   (positions.array as Float32Array).set(triangles(quads));
   positions.needsUpdate = true;
