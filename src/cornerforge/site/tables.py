@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cornerforge._jit import inlined_kernel
-from cornerforge._philox import PURPOSE_INITIAL, block, uniform
 from cornerforge.errors import InputError
 from cornerforge.site.laws import Demand, Laws
 from cornerforge.site.network import TURNS, Site, headings_of
@@ -21,10 +20,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 __all__ = [
-    "CROSS", "DIVERGE", "GREEN", "MAX_PHASES", "MAX_PLACES", "MAX_ROUTES", "MEETINGS", "MERGE", "NOISE_CELLS", "NO_SITE", "NO_ZONE", "RED",
-    "SHARED", "SITE", "WALK", "WARM_UP", "WEAVE", "YELLOW", "approaches", "at_site", "clock_at_start", "letter_at", "longer", "mapped", "place_of", "pose_at",
-    "site_numbers", "slots_at", "speed_at",
-    "walk_letter", "when_green",
+    "CHANGE_TIME", "CROSS", "DIVERGE", "GREEN", "MAX_PHASES", "MAX_PLACES", "MAX_ROUTES", "MEETINGS", "MERGE",
+    "NOISE_CELLS", "NO_SITE", "NO_ZONE", "RED", "SHARED", "SITE", "SLOW_WALK", "WALK", "WARM_UP", "WEAVE", "YELLOW",
+    "approaches", "at_site", "letter_at", "longer", "mapped", "place_of", "pose_at", "site_numbers", "slots_at",
+    "speed_at", "walk_letter", "when_green",
 ]  # fmt: skip
 
 MAX_ROUTES, MAX_PLACES, MAX_PHASES = 64, 512, 32
@@ -51,7 +50,8 @@ _BRAKES = 1.5
 
 _WIDEST = 2.3
 """Zones are those of vehicles that are this wide [m], as delivery trucks."""
-_SLOW_WALK, _CHANGE_TIME = 1.07, 4.0
+SLOW_WALK, CHANGE_TIME = 1.07, 4.0
+"""Walking speed of slow people [m/s], and the time in which signals change [s]; see `walk_letter`."""
 _BODY, _PERSON = BODY[0], PERSON[0]
 
 _PLACE = np.dtype([("x", "f8"), ("y", "f8"), ("heading", "f8"), ("curvature", "f8"), ("speed", "f8")])
@@ -264,13 +264,6 @@ def speed_at(site: NDArray[np.void], route: int, s: float) -> float:
 
 
 @inlined_kernel
-def clock_at_start(site: NDArray[np.void], seed: int, test: int) -> float:
-    """Draw the time of the programme of the signals at which a test begins [s]; it is a function of the test's name."""
-    clock: float = site[0].cycle * uniform(block(seed, test, 0, 0, PURPOSE_INITIAL)[2])
-    return clock
-
-
-@inlined_kernel
 def letter_at(site: NDArray[np.void], route: int, clock: float) -> int:
     """Look up the light of a route at a time of the programme [s]; green without a signal."""
     one = site[0]
@@ -322,7 +315,7 @@ def walk_letter(site: NDArray[np.void], route: int, clock: float) -> int:
     if letter_at(site, route, clock) < GREEN:
         return RED
     one = site[0]
-    needed = one.route[route].length / _SLOW_WALK - _CHANGE_TIME
+    needed = one.route[route].length / SLOW_WALK - CHANGE_TIME
     if needed > 0.0 and letter_at(site, route, clock + needed) < GREEN:
         return YELLOW
     return GREEN
