@@ -180,7 +180,8 @@ AVOIDABILITY_COLUMNS: tuple[Field, ...] = (
     Field("manoeuvre_begin_s", "float64", "s", "Begin of the manoeuvre that led to it, before the contact; null: not "
           "judged.", BEFORE_CONTACT, nullable=True),
     Field("latest_braking_s", "float64", "s", "Latest moment, before the contact, from which accelerations "
-          "alone help, at a site braking until it stands; null: none since the manoeuvre began.", BEFORE_CONTACT, nullable=True),
+          "alone help, at a site braking until it stands; null: none since the manoeuvre began.", "
+          "BEFORE_CONTACT, nullable=True),
     Field("latest_steering_s", "float64", "s", "The same of lane changes at constant speed alone; null: none.",
           BEFORE_CONTACT, nullable=True),
     Field("latest_any_s", "float64", "s", "The last way out: the same of anything, before "
@@ -199,7 +200,8 @@ AVOIDABILITY_COLUMNS: tuple[Field, ...] = (
           "null likewise.", (-4.0, 4.0), nullable=True),
     Field("witness_acceleration_mps2", "list of float32", "m/s2", "Commanded from each of its decisions on; null "
           "likewise.", (-100.0, 100.0), nullable=True),
-    Field("witness_lane", "list of int8", "", "Target lane from each of its decisions on, at a site the route; null likewise.", (0, 63),
+    Field("witness_lane", "list of int8", "", "Target lane from each of its decisions on, at a site the route; "
+          "null likewise.", (0, 63),
           nullable=True),
 )  # fmt: skip
 """Columns of `avoidability_table`."""

@@ -17,8 +17,8 @@ from cornerforge.analysis.conduct import CONDUCT_COLUMNS, NO_CONDUCT, conduct_of
 from cornerforge.analysis.fault import FAULT_COLUMNS, assign_fault
 from cornerforge.analysis.measures import MEASURES, measure_cases
 from cornerforge.analysis.mechanism import MECHANISMS, mechanism_of
-from cornerforge.analysis.site_case import KINDS_AT_SITES
 from cornerforge.analysis.prevented import PREVENTED_COLUMNS, prevented_at, prevention_of
+from cornerforge.analysis.site_case import KINDS_AT_SITES
 from cornerforge.analysis.value import (
     PARTS,
     Value,

@@ -451,8 +451,10 @@ class Conduct:
     @property
     def begun(self) -> NDArray[np.bool_]:
         """Mark the cases in which it did what it could have left out (rules 1, 2, 4, 5 and 7 to 9), bool (S,)."""
-        left_out = _HESITATES, _NOT_BEHIND, _NOT_BESIDE, _CUTS_IN, _CLOSE, _HARD, _MERGES, _BLOCKS, _AT_END
-        left_out += _RED, _NOT_YIELDS, _NOT_YIELDS_TO_PEOPLE, _ENTERS
+        left_out = (
+            _HESITATES, _NOT_BEHIND, _NOT_BESIDE, _CUTS_IN, _CLOSE, _HARD, _MERGES, _BLOCKS, _AT_END, _RED, _NOT_YIELDS,
+            _NOT_YIELDS_TO_PEOPLE, _ENTERS,
+        )  # fmt: skip
         return np.isin(self.code, left_out)
 
     def columns(self) -> dict[str, Any]:
@@ -474,9 +476,9 @@ def conduct_of(recordings: Recordings, odd: Odd, prevention: Prevention) -> Cond
     """
     if odd.site is not None:
         of_cases = conduct_at_site(recordings, odd, prevention.reacts)
-        rows = np.array([(list(CONDUCTS).index(name), side, before) for name, side, before in of_cases], np.int64)
-        rows = rows.reshape(-1, 3)
-        return Conduct(rows[:, 0], rows[:, 1], np.where(rows[:, 0] == _NONE, np.nan, rows[:, 2] * FRAME_S))
+        codes = list(CONDUCTS)
+        told = np.array([(codes.index(name), *rest) for name, *rest in of_cases], np.int64).reshape(-1, 3)
+        return Conduct(told[:, 0], told[:, 1], np.where(told[:, 0] == _NONE, np.nan, told[:, 2] * FRAME_S))
     judges = np.stack([prevention.needless, prevention.reacts], axis=-1)
     some = np.asarray(prevention.prevented.any(axis=1))
     parts = []

@@ -64,7 +64,8 @@ FAULT_COLUMNS: tuple[Field, ...] = (
     Field("av_fault_s", "float64", "s", "When, before contact; null: none.", BEFORE_CONTACT, nullable=True),
     Field("bv_rule", "string", "", "The rule that the crash partner broke first, or \"none\"."),
     Field("bv_fault_s", "float64", "s", "When, before contact; null: none.", BEFORE_CONTACT, nullable=True),
-    Field("blame_axis", "string", "", "Whose rules held: longitudinal, lateral, or both; at a site longitudinal, or right of way."),
+    Field("blame_axis", "string", "", "Whose rules held: longitudinal, lateral, or both; at a site "
+          "longitudinal, or right of way."),
     Field("blame_s", "float64", "s", "How long the danger lasted that ended in the crash.", BEFORE_CONTACT),
     Field("blame_from_start", "bool", "", "The danger is older than the recording, so all this is less sure."),
 )  # fmt: skip

@@ -61,7 +61,7 @@ REACTIONS_S = (0.0, 0.5, 0.75, 1.0, 1.5)
 
 PREVENTIONS: dict[str, str] = {
     "by braking": "a careful driver would have prevented it by braking: at least three of four models do, or the AV's "
-    "motion alone tells that it braked too late",
+    "motion alone tells that it braked too late; at a site the one model that there is",
     "by leaving it out": "a careful driver would have kept lane, speed and distance instead of what the AV began",
     "another speed": "the speed that the AV then had would have been enough, which no care would have told",
     "models differ": "some of four models of a careful driver would have prevented it: one or two, or more where the "
@@ -241,7 +241,7 @@ def prevention_of(
 def _at_site(
     recordings: Recordings, judged: NDArray[np.bool_], odd: Odd, params: AvoidParams, reaction_s: float | None
 ) -> Prevention:  # fmt: skip
-    """Let the careful driver of sites drive; the other drivers know lanes, prevent nothing, and their numbers are null."""
+    """Let the careful driver of sites drive; the others know lanes, prevent nothing, and have null numbers."""
     n, driver = recordings.n_cases, CAREFUL["cc-human"]
     none = np.zeros(n, np.bool_)
     out = Prevention(

@@ -15,8 +15,8 @@ gives no driver for crossing traffic or people; it asks for no crash with a pers
 a vehicle of up to 60 km/h (5.2.5.3). So this is stated here: the driver keeps the rules that it is bound by (it
 stops before the zone, or the line, with 3 m/s2 at most where the AV was at fault). It sees danger when the other is on
 the road (a person) or could stop no longer with 4 m/s2 (a vehicle), and both would be in the zone within 0.5 s of one
-another at their speeds; behind another, when the time to collision falls below 2 s. That has to last 0.4 s, 0.75 s later it
-brakes, with 0.774 g at most and 12.65 m/s3 (Annex 3, its times for a cut-in), until it stands.
+another at their speeds; behind another, when the time to collision falls below 2 s. That has to last 0.4 s;
+0.75 s later it brakes, with 0.774 g at most and 12.65 m/s3 (Annex 3, its times for a cut-in), until it stands.
 """
 
 from __future__ import annotations
@@ -32,7 +32,13 @@ from cornerforge.analysis.fault import LEFT_BEFORE, LEFT_ON_DONT_WALK, NO_RULE, 
 from cornerforge.analysis.site_case import SiteCase
 from cornerforge.analysis.site_fault import AT_SITE, broken_at_site
 from cornerforge.counterfactual import (
-    SpeedSearch, carry_on, drive_profile, first_touch, forbid, may_exist, search_speeds,
+    SpeedSearch,
+    carry_on,
+    drive_profile,
+    first_touch,
+    forbid,
+    may_exist,
+    search_speeds,
 )  # fmt: skip
 from cornerforge.drivers.careful import CC_BRAKING, CC_DELAY
 from cornerforge.site.tables import pose_at
@@ -42,8 +48,8 @@ if TYPE_CHECKING:
     from cornerforge.analysis.avoidability import AvoidParams
 
 __all__ = [
-    "CarefulAtSite", "SiteWaysOut", "careful_at_site", "manoeuvre_at_site", "others_at_site", "poses_on_route", "touches_at",
-    "ways_out_at_site",
+    "CarefulAtSite", "SiteWaysOut", "careful_at_site", "manoeuvre_at_site", "others_at_site", "poses_on_route",
+    "touches_at", "ways_out_at_site",
 ]  # fmt: skip
 
 GRID = 0.1
@@ -108,7 +114,7 @@ class CarefulAtSite:
 
 
 def others_at_site(case: SiteCase, params: AvoidParams) -> NDArray[np.float64]:
-    """Give the places of all agents along their routes, (frames, N) [m], to the end of the horizon; NaN where absent."""
+    """Give the places of all agents along their routes, (frames, N) [m], until the horizon's end; NaN where absent."""
     horizon = round(params.horizon_s / FRAME_S)
     s = np.concatenate([case.s, np.full((horizon, case.route.size), np.nan)])
     behind = case.in_line[-1] < case.s[-1, 0]
@@ -121,7 +127,7 @@ def others_at_site(case: SiteCase, params: AvoidParams) -> NDArray[np.float64]:
 
 
 def _forbidden(case: SiteCase, s: NDArray[np.float64], first: int) -> tuple[NDArray[np.bool_], float]:
-    """Find the places that the others forbid from a frame on, (frames, places `GRID` apart), and the first place [m]."""
+    """Find the places that the others forbid from a frame on, (frames, places), and the first place [m]."""
     begin = float(case.s[first, 0]) - 1.0
     most = float(np.nanmax(case.speed[first:, 0])) + 2.0
     end = min(begin + most * 1.5 * (len(s) - first) * FRAME_S + 5.0, float(case.way(0).length) + 1.0)
@@ -203,13 +209,13 @@ def poses_on_route(case: SiteCase, track: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def manoeuvre_at_site(case: SiteCase) -> tuple[int, int]:
-    """Say what led to the crash, its place in `MANOEUVRES`, and at which frame it began; the module's text has rules."""
+    """Say what led to the crash, its place in `MANOEUVRES`, and the frame at which it began, by the module's text."""
     broken = broken_at_site(case, AT_SITE)
     if broken is None:
         return _of_following(case)
     by_av = broken.av[0] != NO_RULE and (broken.bv[0] == NO_RULE or broken.av[1] <= broken.bv[1])
     if case.is_person(case.partner):
-        by_av = broken.av[0] == RAN_RED or broken.bv[0] not in (LEFT_ON_DONT_WALK, LEFT_BEFORE, WALKED_INTO) and by_av
+        by_av = broken.av[0] == RAN_RED or (broken.bv[0] not in (LEFT_ON_DONT_WALK, LEFT_BEFORE, WALKED_INTO) and by_av)
         if not by_av:
             return OTHER_CROSSES, max(case.first, case.leaves_kerb(case.partner))
     who = 0 if by_av else case.partner

@@ -26,8 +26,15 @@ from cornerforge.counterfactual import places_along, rooms_to
 from cornerforge.recordings import Recordings
 from cornerforge.road.straight import RoadNumbers, road_numbers
 from cornerforge.site.network import TURNS, Route, Site
+from cornerforge.site.signals import clock_of
 from cornerforge.site.tables import (
-    CROSS, MEETINGS, NO_ZONE, RED, clock_at_start, letter_at, longer, walk_letter,
+    CROSS,
+    MEETINGS,
+    NO_ZONE,
+    RED,
+    letter_at,
+    longer,
+    walk_letter,
 )  # fmt: skip
 from cornerforge.types import FRAME_S, PERSON, Odd
 
@@ -235,6 +242,7 @@ def site_case(recordings: Recordings, odd: Odd) -> SiteCase:
         values = np.asarray(getattr(recordings, name), np.float64).reshape(n, frames).T[: last + 1]
         return np.where(present, values, np.nan)
 
+    assert odd.site is not None  # callers have asked
     road = road_numbers(odd)
     lanes = recordings.target_lane.reshape(n, frames).T[: last + 1]
     there = present.argmax(axis=0)
@@ -248,7 +256,7 @@ def site_case(recordings: Recordings, odd: Odd) -> SiteCase:
     return SiteCase(
         odd, road, int(recordings.partner[0]), x, y, series("speed"), series("heading"), series("acceleration"), s,
         route, recordings.kind.astype(np.int64), np.stack([recordings.length, recordings.width], axis=1),
-        float(clock_at_start(road.site, int(recordings.seed[0]), int(recordings.test[0]))),
+        clock_of(odd.site, int(recordings.seed[0]), int(recordings.test[0])),
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""The AV's own mistakes at a site: the rule that it broke (`site_fault`), or that a careful driver would have braked."""
+"""The AV's own mistakes at a site: the rule that it broke (`site_fault`), else that it did not react as it could."""
 
 from __future__ import annotations
 
@@ -8,7 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.analysis.fault import (
-    DID_NOT_BRAKE_FOR, DID_NOT_GIVE_WAY, DID_NOT_GIVE_WAY_TO_PERSON, DROVE_IN, RAN_RED, RULES,
+    DID_NOT_BRAKE_FOR,
+    DID_NOT_GIVE_WAY,
+    DID_NOT_GIVE_WAY_TO_PERSON,
+    DROVE_IN,
+    RAN_RED,
+    RULES,
 )  # fmt: skip
 from cornerforge.analysis.site_case import SiteCase, kind_at_site, site_case
 from cornerforge.analysis.site_fault import faults_at_site
@@ -30,7 +35,7 @@ _BRAKES = -1.0
 
 def conduct_at_site(
     recordings: Recordings, odd: Odd, reacts: NDArray[np.int64]
-) -> list[tuple[str, int, float]]:  # fmt: skip
+) -> list[tuple[str, int, int]]:  # fmt: skip
     """Say of each case what the AV did wrong: a key of `conduct.CONDUCTS`, the side, and how many frames before.
 
     Args:

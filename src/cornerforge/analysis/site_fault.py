@@ -7,8 +7,8 @@ RSS says of routes that cross that right of way is given and not taken. So, for 
 2. *Right of way*, where the site says that one of two routes yields in the zone in which they met. The one that yields
    is at fault if, when it came into the zone, or into the other's way, the other was there, or would have been within
    `SHORT_GAP_S` at its speed, or could no longer stop before it: within its response time it speeds up, then it brakes
-   with `min_braking` (RSS). Else the gap was enough. Where neither yields, the one that came later yields. One is in the other's way where its body would be
-   touched by the other's, driving on along its route.
+   with `min_braking` (RSS). Else the gap was enough. Where neither yields, the one that came later yields. One is in
+   the other's way where the other would touch it by driving on along its route.
 3. *Crosswalk.* A person that leaves the kerb on Walk goes first; where there is no light it does if the site says so
    and the AV could stop when it left. The AV is at fault if it comes into its way after that. Else the person is: on
    Don't Walk (flashing too), right before a vehicle, or into one that was in its way already.
@@ -30,8 +30,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.analysis.fault import (
-    BOTH, DID_NOT_BRAKE_FOR, DID_NOT_GIVE_WAY, DID_NOT_GIVE_WAY_TO_PERSON, DROVE_IN, LEFT_BEFORE,
-    LEFT_ON_DONT_WALK, NO_RULE, RAN_RED, WALKED_INTO, Duties, Faults, RssRules, faults_of_motion,
+    BOTH,
+    DID_NOT_BRAKE_FOR,
+    DID_NOT_GIVE_WAY,
+    DID_NOT_GIVE_WAY_TO_PERSON,
+    DROVE_IN,
+    LEFT_BEFORE,
+    LEFT_ON_DONT_WALK,
+    NO_RULE,
+    RAN_RED,
+    WALKED_INTO,
+    Duties,
+    Faults,
+    RssRules,
+    faults_of_motion,
 )  # fmt: skip
 from cornerforge.analysis.pair import PairMotion
 from cornerforge.analysis.site_case import SiteCase, kind_at_site, site_case

@@ -16,7 +16,7 @@ _SECOND = round(1.0 / FRAME_S)
 
 
 def straightened(recordings: Recordings, odd: Odd) -> Recordings:
-    """Put those that are in the AV's lane on its way behind one another on a straight line, and leave out the others."""
+    """Put those that are in the AV's lane behind one another on a straight line, and leave out the others."""
     x, y = np.full(recordings.x.size, np.nan), np.zeros(recordings.x.size)
     there = np.zeros(recordings.x.size, np.bool_)
     for block, at in zip(recordings.blocks(1), recordings.at.tolist(), strict=True):

@@ -7,7 +7,14 @@ import math
 import numpy as np
 
 from cornerforge.analysis.fault import (
-    DID_NOT_BRAKE_FOR, DID_NOT_GIVE_WAY, DROVE_IN, LEFT_BEFORE, LEFT_ON_DONT_WALK, NO_RULE, RAN_RED, WALKED_INTO,
+    DID_NOT_BRAKE_FOR,
+    DID_NOT_GIVE_WAY,
+    DROVE_IN,
+    LEFT_BEFORE,
+    LEFT_ON_DONT_WALK,
+    NO_RULE,
+    RAN_RED,
+    WALKED_INTO,
 )  # fmt: skip
 from cornerforge.analysis.site_case import SiteCase, kind_at_site, site_case
 from cornerforge.analysis.site_conduct import side_at_site
@@ -25,8 +32,9 @@ _HERE = math.radians(45.0)
 
 
 def what_happened_at_site(scenario: Scenario) -> str:
-    """Say what happened, such as "The AV, turning left at 4 m/s, hit a car that came straight on from ahead at 7 m/s
-    with the right of way".
+    """Say what happened, in a sentence.
+
+    Such as "The AV, turning left at 4 m/s, hit a car that came straight on from ahead at 7 m/s with the right of way".
 
     Raises:
         InputError: There is no crash of the AV, or the recording does not hold its contact.

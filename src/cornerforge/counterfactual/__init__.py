@@ -4,7 +4,8 @@
 crash. Within it: `search` tries every sequence of manoeuvres, `witness` drives what was found once more, `motion`
 continues a recording after its contact, `begin` finds where the manoeuvre began.
 `judge_cases` lets reference drivers drive in the AV's place (`careful`). `is_avoidable` asks whether braking would
-have been enough (`braking`). At a site the AV's path is fixed: `at_site` looks for ways out along it. All motion is the simulator's own.
+have been enough (`braking`). All motion is the simulator's own. At a site the
+AV's path is fixed: `at_site` looks for ways out along it.
 """
 
 from __future__ import annotations

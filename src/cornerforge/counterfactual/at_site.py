@@ -152,16 +152,16 @@ def touched(
             continue
         ox, oy, other = pose_at(site, routes[j], s[t, j])
         reach = 0.5 * (sizes[0, 0] + sizes[0, 1] + sizes[j, 0] + sizes[j, 1])
-        if abs(ox - x) < reach and abs(oy - y) < reach:
-            if boxes_overlap(own, Box(ox, oy, other, sizes[j, 0], sizes[j, 1])):
-                return j
+        near = abs(ox - x) < reach and abs(oy - y) < reach
+        if near and boxes_overlap(own, Box(ox, oy, other, sizes[j, 0], sizes[j, 1])):
+            return j
     return -1
 
 
 @kernel
 def rooms_to(
-    site: NDArray[np.void], routes: NDArray[np.int64], sizes: NDArray[np.float64], s: NDArray[np.float64], i: int, j: int,
-    out: NDArray[np.float64],
+    site: NDArray[np.void], routes: NDArray[np.int64], sizes: NDArray[np.float64], s: NDArray[np.float64], i: int,
+    j: int, out: NDArray[np.float64],
 ) -> None:  # fmt: skip
     """Find how far agent j is in each frame from touching agent i where that is then [m], along its route.
 

@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from cornerforge.analysis.crash_types import CRASH_TYPES
-from cornerforge.analysis.site_case import KINDS_AT_SITES
 from cornerforge.analysis.mechanism import MECHANISMS, crash_type_of, mechanism_of
+from cornerforge.analysis.site_case import KINDS_AT_SITES
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.rates.attention import action_chances, oversight
 from cornerforge.results.driving import CrashCircumstances

@@ -282,13 +282,20 @@ def _avoidability(table: pa.Table, is_drawn: NDArray[np.bool_], reaction: float)
 def _prevented_masks(table: pa.Table) -> dict[str, NDArray[np.bool_]]:
     """Mark the cases that each reference driver would have prevented: at all, and by braking."""
     from cornerforge.analysis.prevented import CAREFULLY
-    from cornerforge.drivers.careful import CAREFUL
 
     said = [set() if names is None else set(names.split(", ")) for names in _strings(table, "prevented_by")]
     held = np.array([bool(value) for value in table.column("held_speed_prevents").to_pylist()], np.bool_)
-    by = {name: np.array([name in names for names in said], np.bool_) for name in CAREFUL}
+    by = {name: np.array([name in names for names in said], np.bool_) for name in _drivers(table)}
     careful = {"a careful driver": np.isin(_ways(table), CAREFULLY)}
     return careful | by | {f"{name}{_BY_BRAKING}": cases & ~held for name, cases in by.items()}
+
+
+def _drivers(table: pa.Table) -> list[str]:
+    """Name the reference drivers that drove in a case; at a site those that know lanes did not, and are left out."""
+    from cornerforge.drivers.careful import CAREFUL
+
+    column = {name: table.column(f"braking_{name.replace('-', '_')}_mps2") for name in CAREFUL}
+    return [name for name, braking in column.items() if braking.null_count < table.num_rows] or list(CAREFUL)
 
 
 def _ways(table: pa.Table) -> NDArray[np.str_]:
@@ -298,7 +305,6 @@ def _ways(table: pa.Table) -> NDArray[np.str_]:
 def _prevented(table: pa.Table) -> dict[str, Any] | None:
     """Count what each reference driver would have prevented; None when no case could be judged."""
     from cornerforge.analysis.prevented import PREVENTION
-    from cornerforge.drivers.careful import CAREFUL
 
     masks = _prevented_masks(table)
     n = table.num_rows - table.column("prevented_by").null_count
@@ -314,7 +320,7 @@ def _prevented(table: pa.Table) -> dict[str, Any] | None:
             "by_braking": int(braking.sum()),
         }
 
-    by = {name: (masks[name], masks[f"{name}{_BY_BRAKING}"]) for name in CAREFUL}
+    by = {name: (masks[name], masks[f"{name}{_BY_BRAKING}"]) for name in _drivers(table)}
     every, braked = (np.logical_or.reduce(part) for part in zip(*by.values(), strict=True))
     held = sum(bool(value) for value in table.column("held_speed_prevents").to_pylist())
     return {
@@ -330,8 +336,6 @@ def _compared(
     found: Analysis, table: pa.Table, drawn: frozenset[str], reaction: float, reacting: dict[str, NDArray[np.bool_]]
 ) -> dict[str, Any] | None:
     """Compare the judges on the drawn cases that all of them judged; None: there is none."""
-    from cornerforge.drivers.careful import CAREFUL
-
     said, ways = _strings(table, "prevented_by"), _strings(table, "avoidability")
     rows = [
         row
@@ -342,7 +346,7 @@ def _compared(
     compared = judges_of(
         _column(table, "time_to_react_s")[rows],
         _own(table)[rows],
-        {name: masks[name][rows] for name in CAREFUL},
+        {name: masks[name][rows] for name in _drivers(table)},
         np.array([bool(held[row]) for row in rows], np.bool_),
         np.array([reacting[found.case_ids[row]] for row in rows], np.bool_),
         float(reaction) or LEAD_S,
