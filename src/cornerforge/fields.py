@@ -106,8 +106,8 @@ _FLAT = "vehicle by vehicle: vehicle i at frame t stands at i * n_frames + t"
 
 SERIES: tuple[Series, ...] = (
     Series("x", Field(
-        "x_m", "float32", "m", f"Box centre along the road, at a site to the east, {_FLAT}; NaN where absent.", "
-        f"_METRES, nan=True)),
+        "x_m", "float32", "m", f"Box centre along the road, at a site to the east, {_FLAT}; NaN where absent.",
+        _METRES, nan=True)),
     Series("y", Field(
         "y_m", "float32", "m", "Box centre, to the left of the right road edge, at a site to the north; NaN where "
         "absent.", _METRES, nan=True)),

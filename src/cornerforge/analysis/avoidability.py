@@ -180,8 +180,8 @@ AVOIDABILITY_COLUMNS: tuple[Field, ...] = (
     Field("manoeuvre_begin_s", "float64", "s", "Begin of the manoeuvre that led to it, before the contact; null: not "
           "judged.", BEFORE_CONTACT, nullable=True),
     Field("latest_braking_s", "float64", "s", "Latest moment, before the contact, from which accelerations "
-          "alone help, at a site braking until it stands; null: none since the manoeuvre began.", "
-          "BEFORE_CONTACT, nullable=True),
+          "alone help, at a site braking until it stands; null: none since the manoeuvre began.",
+          BEFORE_CONTACT, nullable=True),
     Field("latest_steering_s", "float64", "s", "The same of lane changes at constant speed alone; null: none.",
           BEFORE_CONTACT, nullable=True),
     Field("latest_any_s", "float64", "s", "The last way out: the same of anything, before "
