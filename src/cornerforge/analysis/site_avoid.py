@@ -192,9 +192,8 @@ def ways_out_at_site(case: SiteCase, params: AvoidParams, scratch: SpeedSearch) 
     if braking > latest:
         latest, found = braking, np.full(len(s) - 1 - braking, -hardest)
     start = min(max(may, first), case.last)
-    place, speed, _ = _state(case, start)
     proven = latest >= may or not may_exist(
-        forbidden, start - first, place, speed, origin, hardest, strongest, case.road.max_speed, scratch
+        forbidden, start - first, _state(case, start), origin, hardest, strongest, case.road, scratch
     )
     track = _driven(case, latest, found) if latest >= 0 else np.empty((0, 3))
     return SiteWaysOut(manoeuvre, begin, braking, latest, found, track, proven, latest >= may)

@@ -136,7 +136,7 @@ def _by_rules(case: SiteCase) -> str:
             LEFT_ON_DONT_WALK: light, LEFT_BEFORE: ", which had left the kerb right before it",
             WALKED_INTO: ", which left the kerb when the AV was on the crosswalk already",
         }.get(bv, light or ", which went first")  # fmt: skip
-        more = {RAN_RED: "; the AV had run a red light", DID_NOT_BRAKE_FOR: "; the AV could have stopped"}
+        more = {RAN_RED: "; the AV had run a red light", DID_NOT_BRAKE_FOR: "; the AV did not brake as it had to"}
         return said + more.get(av, "")
     parts = []
     if bv == RAN_RED:
@@ -152,11 +152,11 @@ def _by_rules(case: SiteCase) -> str:
     elif av == DROVE_IN:
         parts.append("; the other had not left the junction yet")
     elif av == DID_NOT_BRAKE_FOR:
-        parts.append("; the AV could have stopped")
+        parts.append("; the AV did not brake as it had to")
     if bv == DID_NOT_BRAKE_FOR:
         parts.append(
-            "; the other could have stopped"
+            "; the other did not brake as it had to"
             if av != NO_RULE
-            else "; the gap was enough, and the other could have stopped"
+            else "; the gap was enough, but the other did not brake as it had to"
         )
     return "".join(parts)
