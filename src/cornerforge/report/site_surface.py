@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from cornerforge.site.network import Route, Site, headings_of
 from cornerforge.site.signals import letters_over
 
-__all__ = ["Light", "SiteSurface", "changes_of", "site_surface"]
+__all__ = ["BAR", "Light", "SiteSurface", "changes_of", "site_surface"]
 
 Points = NDArray[np.float64]
 
-_BAR, _EVERY = 0.5, 1.0
+BAR, _EVERY = 0.5, 1.0
 _NEAR = 0.03
 """So far may a simpler line lie beside the one that it stands for [m]."""
 _LINE_STEP = 0.5
@@ -166,7 +166,7 @@ def _bars(route: Route) -> list[Points]:
     middles = (np.arange(count) + 0.5) * route.length / count
     bars = []
     for at in middles.tolist():
-        begin, end = _across(route, at - 0.5 * _BAR), _across(route, at + 0.5 * _BAR)
+        begin, end = _across(route, at - 0.5 * BAR), _across(route, at + 0.5 * BAR)
         bars.append(np.concatenate([begin, end[::-1]]))
     return bars
 
