@@ -117,7 +117,7 @@ SERIES: tuple[Series, ...] = (
         "acceleration_mps2", "float32", "m/s2", "Along the road, at this frame; NaN where absent.", _SHARPNESS,
         nan=True)),
     Series("target_lane", Field(
-        "target_lane", "int8", "", "Lane kept or changed to, at a site the route; -1 where absent.", (-1, _MOST_ROUTES - 1))),
+        "target_lane", "int8", "", "Lane kept or changed to, or the route; -1 where absent.", (-1, _MOST_ROUTES - 1))),
     Series("present", Field("present", "bool", "", "The vehicle exists.")),
 )  # fmt: skip
 """The series of a frame, in the order of a digest: first the real numbers, 0 where absent, then lane and presence."""
