@@ -74,7 +74,9 @@ class Moments:
             y=mixed(scenario.y),
             speed=mixed(scenario.speed),
             heading=mixed(scenario.heading),
-            lane=scenario.target_lane[low] if scenario.odd.site is None else np.full_like(scenario.target_lane[low], -1),
+            lane=scenario.target_lane[low]
+            if scenario.odd.site is None
+            else np.full_like(scenario.target_lane[low], -1),
             there=there,
         )
 

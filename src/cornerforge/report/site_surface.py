@@ -34,7 +34,7 @@ _LIGHT_AT = 0.6
 
 
 class Light(NamedTuple):
-    """A light: the stroke that shows it, from left to right (2, 2) [m], the route that it holds, and whether it is of people."""
+    """A light: the stroke that shows it, from left to right, (2, 2) [m]; the route that it holds; whether of people."""
 
     at: Points
     route: int
@@ -80,7 +80,7 @@ def site_surface(site: Site) -> SiteSurface:
 
 
 def changes_of(site: Site, clock: float, frames: int, frame_s: float) -> list[list[tuple[int, str]]]:
-    """Say when each light of `site_surface` changes: frame and letter (G, g, y or r; of people y: flashing), the first at 0.
+    """Say from which frame on each light of `site_surface` shows which letter (`site.signals.letters_over`).
 
     Args:
         site: The site.

@@ -185,7 +185,8 @@ class _Stage:
         ]
         if partner is not None:
             heads += [
-                (f"speed of {name_of(scenario, partner)}", SCREEN.partner), ("gap between bumpers" if scenario.odd.site is None else "distance of both", _INK),
+                (f"speed of {name_of(scenario, partner)}", SCREEN.partner),
+                ("gap between bumpers" if scenario.odd.site is None else "distance of both", _INK),
                 ("time to collision", _INK),
             ]  # fmt: skip
         self._values, self._small = [], []

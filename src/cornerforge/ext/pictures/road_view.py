@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.analysis.avoidability import WayOut
-from cornerforge.report.site_surface import BAR, changes_of, site_surface
 from cornerforge.report.moments import Moment, Moments, overlap_of
+from cornerforge.report.site_surface import BAR, changes_of, site_surface
 from cornerforge.report.surface import MARKS, outline, strokes, surface_of
 from cornerforge.site.network import Site
 from cornerforge.site.signals import clock_of
@@ -72,14 +72,14 @@ class Look:
 
 SCREEN = Look(
     road="#3e454d", verge="#e7ebe6", paint="#f4f4f0", av="#0072b2", partner="#d55e00",
-    other="#9aa3ad", person="#e377c2", edge="#20252a", glass="#ffffff8c", way_out="#4fe0b5", contact="#cc2936", ink="#f4f4f0",
-    muted="#5d6673", font=10.0, trail_s=2.0, plate="#3e454d", line=0.8, every_speed=True,
+    other="#9aa3ad", person="#e377c2", edge="#20252a", glass="#ffffff8c", way_out="#4fe0b5", contact="#cc2936",
+    ink="#f4f4f0", muted="#5d6673", font=10.0, trail_s=2.0, plate="#3e454d", line=0.8, every_speed=True,
 )  # fmt: skip
 """Look of the report's player in light mode."""
 PRINT = Look(
     road="#ededed", verge="#ffffff", paint="#8a8a8a", av="#0072b2", partner="#e69f00",
-    other="#ffffff", person="#555555", edge="#000000", glass="#c4c4c4", way_out="#009e73", contact="#cc2936", ink="#000000",
-    muted="#555555", font=8.0, trail_s=1.0, plate="#ededed", line=0.6, every_speed=False,
+    other="#ffffff", person="#555555", edge="#000000", glass="#c4c4c4", way_out="#009e73", contact="#cc2936",
+    ink="#000000", muted="#555555", font=8.0, trail_s=1.0, plate="#ededed", line=0.6, every_speed=False,
 )  # fmt: skip
 """Little ink, and told apart without colour: the AV is dark, its partner of middle grey, all others are white."""
 
@@ -141,9 +141,7 @@ class RoadView:
         axes.set_aspect("equal")
         axes.set_axis_off()
         wide = span[1] - span[0]
-        axes.add_patch(
-            Rectangle((span[0], low), wide, self._high, color=look.verge, linewidth=0, zorder=0)
-        )
+        axes.add_patch(Rectangle((span[0], low), wide, self._high, color=look.verge, linewidth=0, zorder=0))
         shoulders = 0.0 if odd.site is None else 2.0 * _SITE_SHOULDER_M * points_per_metre
         asphalt: Any = PathCollection([], color=look.road, linewidths=shoulders, zorder=0.1)
         lines: Any = LineCollection([], zorder=0.3, capstyle="butt")
@@ -274,9 +272,7 @@ class RoadView:
         ring = area.mean(axis=0) + _CIRCLE_M * np.column_stack([np.cos(angle), np.sin(angle)]) if len(area) else area
         self._ring.set_data(*ring.T)
 
-    def _show_labels(
-        self, moment: Moment, others: list[int], pair: list[int], offset: NDArray[np.float64]
-    ) -> None:
+    def _show_labels(self, moment: Moment, others: list[int], pair: list[int], offset: NDArray[np.float64]) -> None:
         scenario, look = self._moments.scenario, self._look
         speed = scenario.speed[int(moment.time / FRAME_S + 1e-6)]  # as recorded, to be readable
         said: dict[int, tuple[str, bool]] = {}
@@ -318,7 +314,7 @@ class _SiteLines:
         found = site_surface(site)
         self._start = np.array([scenario.x[0, 0], 0.0])
         self._lanes, self._lights = found.lanes, found.lights
-        clock = clock_of(site, scenario.seed, scenario.test)
+        clock = clock_of(scenario)
         self._changes = changes_of(site, clock, len(scenario.x), FRAME_S)
         bars = [np.stack([bar[[0, 3]].mean(axis=0), bar[1:3].mean(axis=0)]) for bar in found.bars]
         self._painted = [
