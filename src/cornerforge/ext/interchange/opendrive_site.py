@@ -73,10 +73,10 @@ def _road(site: Site, lanes: list[SiteLane], n: int, walks: list[SiteLane]) -> s
         f'junction="{_JUNCTION if is_inner else -1}">\n<link>{links}</link>\n'
         f'<type s="0" type="town"><speed max="{lane.limit:g}" unit="m/s"/></type>\n<planView>\n{geometry}</planView>\n'
         f'<lanes><laneOffset s="0" a="{0.5 * lane.width:.6f}" b="0" c="0" d="0"/><laneSection s="0">'
-        '<center><lane id="0" type="none" level="false"><roadMark sOffset="0" type="none"/></lane></center>'
+        '<center><lane id="0" type="none" level="false"><roadMark sOffset="0" type="none" color="standard"/></lane></center>'
         f'<right><lane id="-1" type="driving" level="false"><link>{of_lane}</link>'
         f'<width sOffset="0" a="{lane.width:.6f}" b="0" c="0" d="0"/><roadMark sOffset="0" '
-        f'type="{"none" if is_inner else "solid"}" width="0.12"/></lane></right></laneSection></lanes>\n'
+        f'type="{"none" if is_inner else "solid"}" color="white" width="0.12"/></lane></right></laneSection></lanes>\n'
         f"{_objects(lane, walks)}{_signals(site, n, lane, length)}</road>\n"
     )
 
