@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 __all__ = [
-    "CHANGE_TIME", "CROSS", "DIVERGE", "GREEN", "MAX_PHASES", "MAX_PLACES", "MAX_ROUTES", "MEETINGS", "MERGE", "NOISE_CELLS",
-    "NO_SITE", "NO_ZONE", "RED", "SHARED", "SITE", "SLOW_WALK", "WALK", "WARM_UP", "WEAVE", "YELLOW", "approaches", "at_site",
-    "letter_at", "longer", "mapped", "place_of", "pose_at", "site_numbers", "slots_at", "speed_at", "walk_letter",
-    "when_green",
+    "CHANGE_TIME", "CROSS", "DIVERGE", "GREEN", "MAX_PHASES", "MAX_PLACES", "MAX_ROUTES", "MEETINGS", "MERGE",
+    "NOISE_CELLS", "NO_SITE", "NO_ZONE", "RED", "SHARED", "SITE", "SLOW_WALK", "WALK", "WARM_UP", "WEAVE", "YELLOW",
+    "approaches", "at_site", "letter_at", "longer", "mapped", "place_of", "pose_at", "site_numbers", "slots_at",
+    "speed_at", "walk_letter", "when_green",
 ]  # fmt: skip
 
 MAX_ROUTES, MAX_PLACES, MAX_PHASES = 64, 512, 32

@@ -65,6 +65,7 @@ def _road(site: Site, lanes: list[SiteLane], n: int, walks: list[SiteLane]) -> s
     links = "".join(_link(lanes, name, found, lane) for name, found in
                     (("predecessor", lane.before), ("successor", lane.behind)))  # fmt: skip
     geometry, length = _geometry(lane)
+    wide, grows = lane.widths[0], (lane.widths[1] - lane.widths[0]) / length
     of_lane = "".join(f'<{name} id="-1"/>' for name, found in
                       (("predecessor", lane.before), ("successor", lane.behind)) if is_inner and found)  # fmt: skip
     names = ", ".join(site.routes[k].name for k in lane.routes)
@@ -72,10 +73,10 @@ def _road(site: Site, lanes: list[SiteLane], n: int, walks: list[SiteLane]) -> s
         f'<road name={quoted(names)} length="{length:.6f}" id="{_FIRST_ROAD + n}" '
         f'junction="{_JUNCTION if is_inner else -1}">\n<link>{links}</link>\n'
         f'<type s="0" type="town"><speed max="{lane.limit:g}" unit="m/s"/></type>\n<planView>\n{geometry}</planView>\n'
-        f'<lanes><laneOffset s="0" a="{0.5 * lane.width:.6f}" b="0" c="0" d="0"/><laneSection s="0">'
+        f'<lanes><laneOffset s="0" a="{0.5 * wide:.6f}" b="{0.5 * grows:.9f}" c="0" d="0"/><laneSection s="0">'
         '<center><lane id="0" type="none" level="false"><roadMark sOffset="0" type="none" color="standard"/></lane></center>'
         f'<right><lane id="-1" type="driving" level="false"><link>{of_lane}</link>'
-        f'<width sOffset="0" a="{lane.width:.6f}" b="0" c="0" d="0"/><roadMark sOffset="0" '
+        f'<width sOffset="0" a="{wide:.6f}" b="{grows:.9f}" c="0" d="0"/><roadMark sOffset="0" '
         f'type="{"none" if is_inner else "solid"}" color="white" width="0.12"/></lane></right></laneSection></lanes>\n'
         f"{_objects(lane, walks)}{_signals(site, n, lane, length)}</road>\n"
     )
@@ -141,7 +142,7 @@ def _signals(site: Site, n: int, lane: SiteLane, length: float) -> str:
         return ""
     held = sorted({site.routes[k].signal for k in lane.routes} - {-1})
     told = [
-        f'<signal s="{length:.6f}" t="{-0.5 * lane.width - 0.5:.3f}" id="{100 * n + signal}" name="signal {signal}" '
+        f'<signal s="{length:.6f}" t="{-0.5 * lane.widths[1] - 0.5:.3f}" id="{100 * n + signal}" name="signal {signal}" '
         'dynamic="yes" orientation="+" zOffset="3" country="OpenDRIVE" type="1000001" subtype="-1" value="-1"/>\n'
         for signal in held
     ]

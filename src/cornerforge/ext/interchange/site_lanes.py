@@ -28,29 +28,28 @@ class SiteLane:
     Attributes:
         part: Where it lies; walk: it is a crosswalk, along which people go both ways.
         line: Its middle, (P, 2) [m].
-        width, limit: [m], and of speed [m/s].
+        headings: Its direction at each point, (P,) [rad].
+        widths: At its begin and its end [m]; between them it changes evenly along it.
+        limit: Of speed [m/s].
         routes: Indices of the routes that lead along it.
         before, behind: Indices of the lanes that lead to it, and to which it leads.
     """
 
     part: Literal["approach", "inner", "exit", "walk"]
     line: NDArray[np.float64]
-    width: float
+    headings: NDArray[np.float64]
+    widths: tuple[float, float]
     limit: float
     routes: list[int]
     before: list[int] = field(default_factory=list)
     behind: list[int] = field(default_factory=list)
 
     @property
-    def headings(self) -> NDArray[np.float64]:
-        """Direction at each point, (P,) [rad]."""
-        return headings_of(self.line)
-
-    @property
     def sides(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Left and right bound, (P, 2) each [m]."""
-        heading = self.headings
-        aside = 0.5 * self.width * np.stack([-np.sin(heading), np.cos(heading)], axis=1)
+        along = np.append(0.0, np.cumsum(np.hypot(*np.diff(self.line, axis=0).T)))
+        half = 0.5 * np.interp(along, along[[0, -1]], self.widths)
+        aside = half[:, None] * np.stack([-np.sin(self.headings), np.cos(self.headings)], axis=1)
         return self.line + aside, self.line - aside
 
 
@@ -64,7 +63,7 @@ def lanes_at(site: Site) -> list[SiteLane]:
         for part, begin, end in zip(("approach", "inner", "exit"), cuts[:-1], cuts[1:], strict=True):
             if end - begin >= _SHORTEST:
                 limit = route.limits[0 if part == "approach" else 1]
-                found = SiteLane(part, _cut(route, begin, end), route.width, limit, [k])  # type: ignore[arg-type]
+                found = SiteLane(part, *_cut(route, begin, end), (route.width,) * 2, limit, [k])  # type: ignore[arg-type]
                 chain.append(_shared(lanes, found))
         for one, after in itertools.pairwise(chain):
             for known, other in ((lanes[one].behind, after), (lanes[after].before, one)):
@@ -72,7 +71,12 @@ def lanes_at(site: Site) -> list[SiteLane]:
                     known.append(other)
     for k in site.people:
         route = site.routes[k]
-        _shared(lanes, SiteLane("walk", route.line, route.width, route.limits[0], [k]))
+        walk = SiteLane("walk", route.line, headings_of(route.line), (route.width,) * 2, route.limits[0], [k])
+        _shared(lanes, walk)
+    for lane in lanes:
+        if lane.part == "inner":  # it leads from the width of one to that of the other
+            sides = (lanes[found[0]].widths[0] if found else lane.widths[0] for found in (lane.before, lane.behind))
+            lane.widths = (next(sides), next(sides))
     return lanes
 
 
@@ -94,13 +98,15 @@ def _shared(lanes: list[SiteLane], found: SiteLane) -> int:
         turned = found.line[::-1] if found.part == "walk" else found.line
         if any(np.abs(one.line[[0, -1]] - ends[[0, -1]]).max() < _SAME for ends in (found.line, turned)):
             one.routes += found.routes
+            one.widths = (max(*one.widths, *found.widths),) * 2
             return n
     lanes.append(found)
     return len(lanes) - 1
 
 
-def _cut(route: Route, begin: float, end: float) -> NDArray[np.float64]:
-    """Give the points of a stretch of a route, (P, 2)."""
+def _cut(route: Route, begin: float, end: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Give the points of a stretch of a route, (P, 2), and its direction there, (P,)."""
     inner = route.along[(route.along > begin + 0.2) & (route.along < end - 0.2)]
     at = np.concatenate([[begin], inner, [end]])
-    return np.stack([np.interp(at, route.along, values) for values in route.line.T], axis=1)
+    line = np.stack([np.interp(at, route.along, values) for values in route.line.T], axis=1)
+    return line, np.interp(at, route.along, headings_of(route.line))
