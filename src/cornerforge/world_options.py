@@ -34,8 +34,8 @@ __all__ = [
     "WorldOptions",
 ]
 
-PLAIN_ADVERSARIES = ("uniform", "lane-changer", "swerve")
-"""Adversaries that have not learned, as help names them; `sim.controllers.ADVERSARIES` says what they do."""
+PLAIN_ADVERSARIES = ("uniform", "lane-changer", "swerve", "dart-out", "red-runner", "turns-across", "cuts-in")
+"""Adversaries that have not learned, on roads or at sites, as help names them; `sim.controllers.ADVERSARIES` says what they do."""
 REWARD_NAMES = ("crash", "striking", "avoidable", "preventable", "preventable-by-braking", "own-fault", "own-doing")
 """Names of `adversary.worlds.rewards.REWARDS`, which says what they pay for."""
 

@@ -172,21 +172,29 @@ def _at_site(odd: Odd, world: WorldOptions) -> Odd:
     return found
 
 
-def _check_at_site(av: AvModel, spec: AvSpec, driver: str, road: Odd) -> None:
-    """Check that AV and BVs can drive where the tests are.
+def _check_at_site(av: AvModel, spec: AvSpec, driver: str, policies: Sequence[Policy], road: Odd) -> None:
+    """Check that AV and BVs, or the policies that steer them, can drive where the tests are.
 
     Raises:
         InputError: One of them cannot.
     """
+    here = controllers.ROAD_ADVERSARIES if road.site is None else controllers.SITE_ADVERSARIES
+    for policy in policies:
+        learned = policy.about.get("odd")
+        if isinstance(learned, dict) and (learned.get("site") is None) != (road.site is None):
+            learned_at, here_is = ("on a road", "at a site") if road.site is not None else ("at a site", "on a road")
+            raise InputError(f"A policy that learned {learned_at} sees other things {here_is}; train one for this world.")
     if road.site is None:
         if av.kind == "junction" and not spec.is_outside:
             raise InputError(f"The AV {av.name} drives at sites only; give site, such as mcity-signal.")
+        if driver not in ("nde", "idm", "policy", *here):
+            raise InputError(f"bv = {driver!r} drives at sites only; give site, or take one of {', '.join(here)}.")
         return
     if av.kind != "junction" and not spec.is_outside:
         at_sites = ", ".join(name for name, one in AVS.items() if one.kind == "junction")
         raise InputError(f"The AV {av.name} drives on roads only; at a site take one of {at_sites}, or your own.")
-    if driver not in ("nde", "policy", *controllers.SITE_ADVERSARIES):
-        raise InputError(f"bv = {driver!r} drives on roads only; at a site take nde, uniform or a policy.")
+    if driver not in ("nde", "policy", *here):
+        raise InputError(f"bv = {driver!r} drives on roads only; at a site take nde, {', '.join(here)} or a policy.")
 
 
 def _check_av(spec: AvSpec, *, takes_foreign: bool, takes_recorded: bool) -> None:
@@ -288,7 +296,7 @@ def experiment(
         for file, loaded in zip(names, policies, strict=True):
             _warn_of_another_world(loaded, file, road, ndd)
     driver = "policy" if policies else names[0]
-    _check_at_site(av_model, spec, driver, road)
+    _check_at_site(av_model, spec, driver, policies, road)
     if policies:
         told = {} if budget is None else {"bounded": True, "budget": budget, "budget_of": world.budget_of}
         told |= {} if world.steer_from is None else {"steers_from": world.steer_from}

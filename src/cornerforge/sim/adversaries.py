@@ -13,8 +13,25 @@ from cornerforge._philox import PURPOSE_ACT, PURPOSE_EXPLORE, block, uniform
 from cornerforge.drivers.policy import HEADS, best_action, q_values
 from cornerforge.road.straight import ahead_by
 from cornerforge.sim.controllers import ADVERSARIES, POLICY
+from cornerforge.sim.site.choice import GIVES_WAY, GOES, WALKS
+from cornerforge.sim.site.people import AT_KERB
+from cornerforge.sim.site.views import (
+    AHEAD,
+    AV_ROOM,
+    AV_SPEED,
+    AV_TIME,
+    LIGHT,
+    MERGES,
+    PER_METRE,
+    PER_MPS,
+    PER_SECOND,
+    ROOM,
+    TIME,
+    TURN,
+    YIELDS,
+)
 from cornerforge.sim.world import moment_of
-from cornerforge.types import ACTION_ACCELERATIONS, ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, N_ACTIONS
+from cornerforge.types import ACTION_ACCELERATIONS, ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, N_ACTIONS, PERSON
 
 if TYPE_CHECKING:
     from numpy import uint64
@@ -27,6 +44,14 @@ if TYPE_CHECKING:
     Words = tuple[uint64, uint64, uint64, uint64]
 
 __all__ = ["choose_action"]
+
+_WALKS = WALKS
+_TOO_LATE, _HARD = 2.5, 2.0
+"""A person darts out that the AV reaches within so long [s], if it would have to brake harder than this [m/s2]."""
+_EARLIER, _LATER, _SOON = 1.5, 1.0, 5.0
+"""A vehicle goes if it is at the zone at most so much before or after the AV, which is there soon [s]."""
+_PUSHES, _MOST = 2.0, 4.0
+"""Acceleration of a vehicle that goes before the AV, and the most with which one aims at it [m/s2]."""
 
 
 @kernel
@@ -98,9 +123,98 @@ def _swerve(w: World, bv: int, _words: Words, s: ChoiceScratch) -> int:
     return _nearest_allowed(0.4 * (-1.0 - dx) + 1.0 * (v[0].speed - v[bv].speed), allowed)
 
 
-_RULES = {"uniform": _uniform, "lane-changer": _lane_changer, "swerve": _swerve}
+@kernel
+def _lawful(w: World, bv: int, s: ChoiceScratch) -> int:
+    """What an agent at a site most likely does, as far as it is allowed."""
+    own = w.agents[bv]
+    if own.chooses == 0:
+        return _nearest_allowed(own.free, s.allowed)
+    wished = GOES if own.goes >= 0.5 else GIVES_WAY
+    return wished if s.allowed[wished] else _pick_allowed(s.allowed, 0, N_ACTIONS, 0.0)
+
+
+@kernel
+def _goes_on(w: World, bv: int, acceleration: float, s: ChoiceScratch) -> int:
+    """Go if that is a choice now, else accelerate [m/s2], as far as it is allowed."""
+    if w.agents[bv].chooses and s.allowed[GOES]:
+        return GOES
+    return _nearest_allowed(acceleration, s.allowed)
+
+
+@kernel
+def _meets_now(s: ChoiceScratch) -> bool:
+    """Is the agent at the common zone at nearly the same time as the AV, soon, and not yet in it?"""
+    seen = s.observation
+    av_time, time = seen[AV_TIME] / PER_SECOND, seen[TIME] / PER_SECOND
+    meets: bool = seen[AHEAD] == 0.0 and 0.0 < av_time < _SOON and -_EARLIER < time - av_time < _LATER
+    return meets and seen[ROOM] > 0.0
+
+
+@kernel
+def _dart_out(w: World, bv: int, _words: Words, s: ChoiceScratch) -> int:
+    """Of a person: leave the kerb when the AV can hardly stop, at the least speed that brings it there before the AV.
+
+    Of a vehicle: what its law says.
+    """
+    seen = s.observation
+    room, speed = seen[AV_ROOM] / PER_METRE, seen[AV_SPEED] / PER_MPS
+    time, way = seen[AV_TIME] / PER_SECOND, seen[ROOM] / PER_METRE
+    at_kerb = w.agents[bv].s <= AT_KERB
+    too_late = 0.0 < time < _TOO_LATE and 0.5 * speed * speed > _HARD * room
+    if w.vehicles[bv].kind != PERSON or (at_kerb and not too_late) or time == 0.0:
+        return _lawful(w, bv, s)
+    best, chosen, needed = -1, 0.0, way / time
+    for a in range(GOES, FIRST_ACCELERATION + _WALKS.size):
+        walks = w.vehicles[bv].desired_speed if a == GOES else _WALKS[a - FIRST_ACCELERATION]
+        better = walks > chosen if chosen < needed else needed <= walks < chosen
+        if s.allowed[a] and (best < 0 or better):
+            best, chosen = a, walks
+    return best if best >= 0 else _lawful(w, bv, s)
+
+
+@kernel
+def _red_runner(w: World, bv: int, _words: Words, s: ChoiceScratch) -> int:
+    """Of a vehicle before a red or yellow light: go over it so that it meets the AV. Else: what its law says."""
+    seen = s.observation
+    time, way = seen[AV_TIME] / PER_SECOND, seen[ROOM] / PER_METRE
+    crosses = seen[AHEAD] == 0.0 and seen[MERGES] == 0.0 and 0.0 < time < 2.0 * _SOON and way > 0.0
+    if w.vehicles[bv].kind == PERSON or seen[LIGHT] >= 0.0 or not crosses:
+        return _lawful(w, bv, s)
+    aims = 2.0 * (way - w.vehicles[bv].speed * time) / (time * time)
+    return _goes_on(w, bv, aims, s) if _meets_now(s) or abs(aims) < _MOST else _lawful(w, bv, s)
+
+
+@kernel
+def _goes_before(w: World, bv: int, merges: bool, s: ChoiceScratch) -> int:
+    """Of a vehicle that must yield to the AV and crosses its way, or merges: go before it. Else: what its law says."""
+    seen = s.observation
+    owes = w.vehicles[bv].kind != PERSON and seen[YIELDS] < 0.0 and (seen[MERGES] > 0.0) == merges
+    return _goes_on(w, bv, _PUSHES, s) if owes and _meets_now(s) else _lawful(w, bv, s)
+
+
+@inlined_kernel
+def _turns_across(w: World, bv: int, _words: Words, s: ChoiceScratch) -> int:
+    """A left turn goes before the AV."""
+    return _goes_before(w, bv, False, s) if s.observation[TURN] > 0.0 else _lawful(w, bv, s)
+
+
+@inlined_kernel
+def _cuts_in(w: World, bv: int, _words: Words, s: ChoiceScratch) -> int:
+    """A vehicle enters the AV's way before it."""
+    return _goes_before(w, bv, True, s)
+
+
+_RULES = {
+    "uniform": _uniform,
+    "lane-changer": _lane_changer,
+    "swerve": _swerve,
+    "dart-out": _dart_out,
+    "red-runner": _red_runner,
+    "turns-across": _turns_across,
+    "cuts-in": _cuts_in,
+}
 """The rule of each plain adversary. Each takes the world, the BV's slot, four random words of this decision, and
-scratch that holds the mask; it returns an allowed action."""
+scratch that holds the mask, and at a site the observation; it returns an allowed action."""
 _PLAIN = {name: code for name, code in ADVERSARIES.items() if name not in ("nobody", "policy")}
 _rule_of: Any = kernel_by_code(_PLAIN, _RULES)
 
@@ -172,7 +286,7 @@ def choose_action(
         temperature: For POLICY: 0 for the best action, T in units of its values to draw by exp(value / T), or
             AS_LEARNED.
         policy: The network, for POLICY.
-        s: Scratch; `s.allowed` must be filled, and for POLICY `s.observation`.
+        s: Scratch; `s.allowed` must be filled, and for POLICY and at a site `s.observation`.
 
     Returns:
         The action, and the natural log of its probability under the policy that drew it; 0 where none drew it.

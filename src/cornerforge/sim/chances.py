@@ -29,7 +29,10 @@ from cornerforge.sim.braking import looks_away_chance
 from cornerforge.sim.merging import LOOKS_AGAIN, Wish, heeds, pressed_chance, wish_of
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
 from cornerforge.sim.sight import lanes_seen
+from cornerforge.sim.site.choice import natural_choice
+from cornerforge.sim.site.second import look_around
 from cornerforge.sim.trucks import possible_actions
+from cornerforge.site.tables import at_site
 from cornerforge.types import (
     ACTION_HOLD,
     ACTION_LEFT,
@@ -555,6 +558,10 @@ def action_probabilities(
         c: Scratch.
         p: Where the probabilities go, float64 (33,).
     """
+    if at_site(road.site):
+        look_around(w, i, road.site)
+        natural_choice(w, i, road.site, p)
+        return
     v = w.vehicles
     if road.stops:
         sort_by_x(w)

@@ -30,6 +30,7 @@ __all__ = [
     "RECORDED",
     "SCRIPTED",
     "SITE_ADVERSARIES",
+    "ROAD_ADVERSARIES",
     "STEERED",
     "TOLD",
     "Cast",
@@ -45,13 +46,27 @@ BUILT_IN, OUTSIDE, LIKELIEST, STEERED, RECORDED = range(5)
 """Controllers of the AV. BUILT_IN: its own law. OUTSIDE: a program outside the kernels that orders accelerations and
 lane changes. LIKELIEST: the likeliest action of the naturalistic model. STEERED: a program outside that accelerates and
 steers. RECORDED: no driver; the AV is on rails where others are (`RAILS`)."""
-NOBODY, POLICY, UNIFORM, LANE_CHANGER, SWERVE, TOLD = range(6)
-ADVERSARIES = {"nobody": NOBODY, "policy": POLICY, "uniform": UNIFORM, "lane-changer": LANE_CHANGER, "swerve": SWERVE}
+NOBODY, POLICY, UNIFORM, LANE_CHANGER, SWERVE, DART_OUT, RED_RUNNER, TURNS_ACROSS, CUTS_IN, TOLD = range(10)
+ADVERSARIES = {
+    "nobody": NOBODY,
+    "policy": POLICY,
+    "uniform": UNIFORM,
+    "lane-changer": LANE_CHANGER,
+    "swerve": SWERVE,
+    "dart-out": DART_OUT,
+    "red-runner": RED_RUNNER,
+    "turns-across": TURNS_ACROSS,
+    "cuts-in": CUTS_IN,
+}
 """Controllers of the critical BV, by name. nobody: the controller of the other BVs. policy: a learned network. uniform:
 any allowed action. lane-changer: changes lanes two times in three. swerve: comes level with the AV in the next lane,
-then changes into its lane. TOLD, which has no name here: somebody outside the kernels."""
-SITE_ADVERSARIES = ("uniform",)
-"""Plain adversaries that drive and walk at sites."""
+then changes into its lane. At sites, where each but uniform does as its law says until it meets the AV: dart-out: a
+person leaves the kerb when the AV can hardly stop. red-runner: a vehicle goes at red. turns-across: a left turn that
+must yield goes before the AV. cuts-in: so does a vehicle that merges. TOLD, which has no name here: somebody outside
+the kernels."""
+ROAD_ADVERSARIES = ("uniform", "lane-changer", "swerve")
+SITE_ADVERSARIES = ("uniform", "dart-out", "red-runner", "turns-across", "cuts-in")
+"""Plain adversaries that drive on roads; those that drive and walk at sites."""
 NATURALISTIC, IDM_BVS, SCRIPTED, RAILS = range(4)
 """Controllers of the other BVs: the naturalistic model, the IDM without lane changes, a script of actions for every BV,
 or rails that say where every BV is (`sim.rails`)."""

@@ -226,7 +226,7 @@ def look_as_bv(
         Its slot; NO_VEHICLE without one, and then nothing is filled.
     """
     state = w.state[0]
-    bv = nearest_bv(w)
+    bv = nearest_bv(w, setting.road)
     state.controlled = bv
     if bv >= 0:
         bounded = critical_of(state.seed, state.test, setting.who)[1].bounded
@@ -253,7 +253,7 @@ def _adversary_acts(w: World, bv: int, setting: Setting, s: Scratch) -> tuple[in
     else:
         policy, mask = critical_of(state.seed, state.test, who)
         allowed_actions(w, bv, mask.bounded, setting.road, setting.tables, c.starters, c.p, c.allowed)
-        if who.critical == POLICY:
+        if who.critical == POLICY or at_site(setting.road.site):
             observe(w, bv, setting.road, c.found, c.observation)
         action, log_prob_policy = choose_action(w, bv, who.critical, 0.0, who.temperature, policy, c)
     state.controlled = bv
@@ -274,7 +274,7 @@ def _critical_bv_acts(w: World, av_lane: int, recorded: bool, setting: Setting, 
         Slot of the critical BV, NO_VEHICLE for none; its action, NO_ACTION where it drives naturally; the natural log
         of the action's probability under the policy.
     """
-    bv = nearest_bv(w)
+    bv = nearest_bv(w, setting.road)
     action = NO_ACTION
     log_prob_policy = 0.0
     if bv < 0:

@@ -6,13 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cornerforge._jit import inlined_kernel
+from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.road.straight import ahead_by
 from cornerforge.sim.sight import lanes_seen
+from cornerforge.sim.site.views import critical_agent
 from cornerforge.sim.world import NO_VEHICLE, UNKNOWN
+from cornerforge.site.tables import at_site
 
 if TYPE_CHECKING:
     from cornerforge.drivers.sight import SightNumbers
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.world import World
 
 __all__ = ["SIGHT", "nearest_bv", "neighbours_in_lane", "rank_of", "sort_by_x"]
@@ -68,9 +71,14 @@ def neighbours_in_lane(w: World, i: int, lane: int, lane_width: float, sight: Si
     return lead, rear
 
 
-@inlined_kernel
-def nearest_bv(w: World) -> int:
-    """Find the critical BV (paper): the slot of the BV with its centre nearest to the AV's; -1 when there is none."""
+@kernel
+def nearest_bv(w: World, road: RoadNumbers) -> int:
+    """Find the critical BV (paper): the slot of the BV with its centre nearest to the AV's; -1 when there is none.
+
+    At a site it is the vehicle or person that meets the AV nearest in time (`views.critical_agent`).
+    """
+    if at_site(road.site):
+        return critical_agent(w, road.site)
     v = w.vehicles
     state = w.state[0]
     best = NO_VEHICLE

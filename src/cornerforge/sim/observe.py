@@ -14,6 +14,10 @@ from cornerforge.road.straight import ahead_by, distance_left, half_lengths, lan
 from cornerforge.sim.actions import nearest_action
 from cornerforge.sim.chances import ALONE, action_probabilities
 from cornerforge.sim.merging import braking_for_end
+from cornerforge.sim.site.choice import possible_actions
+from cornerforge.sim.site.second import look_around
+from cornerforge.sim.site.views import observe_agent
+from cornerforge.site.tables import at_site
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, N_ACTIONS
 
 if TYPE_CHECKING:
@@ -87,7 +91,8 @@ def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out:
     dx / 50 and dx / 10 (clipped to +-3), dy / 4, speed difference / 10, target lanes' difference, lengthwise overlap
     (0 or 1); whether the BV, and the AV, changes lanes (0 or 1); what is left of the likelihood budget / 10 nats, at
     most 3, and 1 without a budget. Then for each of the 4 vehicles nearest to the BV: dx / 50, dy / 4 and speed
-    difference / 10 to the BV, target lane minus BV's, and 1; all 0 where there is no vehicle.
+    difference / 10 to the BV, target lane minus BV's, and 1; all 0 where there is no vehicle. At a site all but the
+    budget is what `views.observe_agent` shows.
 
     Args:
         w: The world.
@@ -96,9 +101,15 @@ def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out:
         found: Scratch, int64 (4,).
         out: Where the entries go.
     """
-    v = w.vehicles
     for k in range(N_OBSERVATION):
         out[k] = 0.0
+    left = w.state[0].budget_left
+    out[N_OWN - 1] = min(3.0, (left - 1) / (_NATS_SHOWN * UNITS_PER_NAT)) if left > 0 else 1.0
+    if at_site(road.site):
+        look_around(w, bv, road.site)
+        observe_agent(w, bv, road.site, N_OWN, found, out)
+        return
+    v = w.vehicles
     dx = ahead_by(v, 0, bv)
     out[0] = distance_left(v, 0, road) / 400.0
     out[1] = (v[0].speed - 30.0) / 10.0
@@ -120,8 +131,6 @@ def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out:
     out[17] = 1.0 if abs(dx) < half_lengths(v, 0, bv) else 0.0
     out[18] = 1.0 if v[bv].duration > 0.0 else 0.0
     out[19] = 1.0 if v[0].duration > 0.0 else 0.0
-    left = w.state[0].budget_left
-    out[20] = min(3.0, (left - 1) / (_NATS_SHOWN * UNITS_PER_NAT)) if left > 0 else 1.0
     for k in range(_nearest_others(w, bv, found)):
         j = found[k]
         place = N_OWN + _PER_OTHER * k
@@ -130,6 +139,26 @@ def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out:
         out[place + 2] = (v[j].speed - v[bv].speed) / 10.0
         out[place + 3] = v[j].target_lane - v[bv].target_lane
         out[place + 4] = 1.0
+
+
+@inlined_kernel
+def _actions_on_road(w: World, bv: int, road: RoadNumbers, allowed: NDArray[np.bool_]) -> None:
+    """Write which actions BV `bv` could take on a road, natural or not."""
+    v = w.vehicles
+    for a in range(N_ACTIONS):
+        allowed[a] = True
+    lane = v[bv].target_lane
+    allowed[ACTION_LEFT] = may_change(v, bv, lane + 1, road)
+    allowed[ACTION_RIGHT] = may_change(v, bv, lane - 1, road)
+    if v[bv].duration > 0.0:
+        if v[bv].c0 < lane_centre(lane, road.lane_width):
+            allowed[ACTION_LEFT] = False
+        else:
+            allowed[ACTION_RIGHT] = False
+    braking = braking_for_end(v, bv, road)
+    if braking > 0.0:
+        for a in range(nearest_action(-braking) + 1, N_ACTIONS):
+            allowed[a] = False
 
 
 @inlined_kernel
@@ -146,7 +175,7 @@ def allowed_actions(
     """Write the adversary's action mask into `allowed`, bool (33,): for acting, exploring and the learning target.
 
     Unbounded: all actions except lane changes that would leave the road or that repeat the running one, and those with
-    which it would not stop where its lane ends. Bounded (paper,
+    which it would not stop where its lane ends; at a site those of a driver or of a person. Bounded (paper,
     equation 12): of these, only actions that a naturalistic driver takes with a positive probability. Human errors are
     among them: to look away, to misjudge, to overlook a neighbour. With a budget (state.budget_left > 0): of these,
     only actions whose `price` is within the rest of the budget. The likeliest action costs nothing, so one is always
@@ -164,26 +193,15 @@ def allowed_actions(
         c, p: Scratch; p of shape (33,).
         allowed: Where the mask goes.
     """
-    v = w.vehicles
-    for a in range(N_ACTIONS):
-        allowed[a] = True
-    lane = v[bv].target_lane
-    allowed[ACTION_LEFT] = may_change(v, bv, lane + 1, road)
-    allowed[ACTION_RIGHT] = may_change(v, bv, lane - 1, road)
-    if v[bv].duration > 0.0:
-        if v[bv].c0 < lane_centre(lane, road.lane_width):
-            allowed[ACTION_LEFT] = False
-        else:
-            allowed[ACTION_RIGHT] = False
-    braking = braking_for_end(v, bv, road)
-    if braking > 0.0:
-        for a in range(nearest_action(-braking) + 1, N_ACTIONS):
-            allowed[a] = False
+    if at_site(road.site):
+        possible_actions(w, bv, allowed)
+    else:
+        _actions_on_road(w, bv, road, allowed)
     if bounded:
         left = w.state[0].budget_left
         surely_keeps = tables.lc_most < 0.5 and not road.lanes.varied
         only_possible = left == 0 and tables.overlook_conflict > 0.0 and surely_keeps
-        action_probabilities(w, bv, False, ALONE if only_possible else v[0].target_lane, road, tables, c, p)
+        action_probabilities(w, bv, False, ALONE if only_possible else w.vehicles[0].target_lane, road, tables, c, p)
         for a in range(N_ACTIONS):
             allowed[a] = allowed[a] and p[a] > 0.0
         if left > 0:

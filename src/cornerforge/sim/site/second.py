@@ -11,6 +11,7 @@ from cornerforge._jit import inlined_kernel, kernel, shared_kernel
 from cornerforge._philox import PURPOSE_DECIDE, block, blocks
 from cornerforge.sim.motion import go_on
 from cornerforge.sim.outcome import COMPLETED
+from cornerforge.sim.actions import nearest_action
 from cornerforge.sim.site.choice import act_at_site, draw_action
 from cornerforge.sim.site.look import look_as_driver, seconds_of
 from cornerforge.sim.site.people import look_as_walker
@@ -67,8 +68,13 @@ def decide_at_site(w: World, controlled_action: int, setting: Setting, s: Scratc
         i = w.current[k]
         if i > 0:
             look_around(w, i, site)
+            hold = nearest_action(w.vehicles[i].commanded)
             action = draw_action(w, i, s.words[1, i], s.words[2, i], site)
-            w.vehicles[i].action = controlled_action if i == state.controlled else action
+            if i == state.controlled:
+                action = controlled_action
+                if action != hold:  # whoever does something else looks at the road
+                    w.vehicles[i].away = 0
+            w.vehicles[i].action = action
 
 
 @inlined_kernel
