@@ -54,6 +54,7 @@ OUTPUTS = {
     "site import NET --junction NODE_24 --out": (FILE, ".json"),
     "site check SITE --out": (FILE, ".json"),
     "site show SITE --out": (FILE, ".svg"),
+    "site fit --data URBAN --out": (FILE, ".json"),
     "init my-av --out": (FILE, ".json"),
     "serve LIB --port 0 --out": (FILE, ".json"),
     "avs --out": (FILE, ".json"),
@@ -79,12 +80,13 @@ def stand_ins(folder: Path) -> dict[str, str]:
     library = folder / "library"
     assert main(["generate", "--policy", "swerve", "--cases", "3", "--out", str(library), "--quiet"]) == 0
     pairs_file(folder)
+    (folder / "dut_pet_events.csv").write_text("clip,dt\na,1.0\nb,-2.0\n", encoding="utf-8")
     net, site = Path(__file__).parent / "interchange" / "data" / "mcity.net.xml.gz", folder / "site.json"
     assert main(["site", "import", str(net), "--junction", "NODE_24", "--out", str(site), "--quiet"]) == 0
     case = CaseLibrary.open(library).scalars(["case_id"])["case_id"][0].as_py()
     return {
         "LIB": str(library), "CASE": case, "PAIRS": str(folder / "pairs.csv"), "TABLE": str(folder / "pairs.csv"),
         "MODEL": str(default_model_path()), "DATA": str(folder), "SQL": "select 1 from cases",
-        "NET": str(net), "SITE": str(site),
+        "NET": str(net), "SITE": str(site), "URBAN": str(folder),
         "XODR": str(Path(__file__).parent / "interchange" / "data" / "three_lanes.xodr"),
     }  # fmt: skip

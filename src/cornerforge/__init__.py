@@ -13,6 +13,7 @@ from cornerforge._doors import door
 if TYPE_CHECKING:
     from cornerforge.ext.calibrate.naturalistic import ndd_fit, ndd_import
     from cornerforge.ext.calibrate.show import ndd_show
+    from cornerforge.ext.calibrate.site_fit import site_fit
     from cornerforge.ext.calibrate.validating import ndd_validate
     from cornerforge.ext.explorer.serve import serve
     from cornerforge.ext.interchange.export import export
@@ -48,7 +49,7 @@ __all__ = [
     "__version__", "analyse", "avs", "cases_from_data", "check_av", "drive_case", "engine", "export", "figure",
     "generate", "import_cases", "init", "make_report", "migrate", "ndd_fit", "ndd_import", "ndd_show", "ndd_validate",
     "plausibility", "query", "r157", "rate", "read_case_file", "replay", "reproduce", "retest", "road_check",
-    "road_import", "road_show", "run", "serve", "shrink", "simulate", "site_check", "site_import",
+    "road_import", "road_show", "run", "serve", "shrink", "simulate", "site_check", "site_fit", "site_import",
     "site_show", "suite_build", "suite_run", "train", "train_av", "variety", "verify", "write_case_file",
 ]  # fmt: skip
 
@@ -86,6 +87,7 @@ __getattr__ = door(
         "road_import": "ext.interchange.roads",
         "road_show": "ext.interchange.roads",
         "site_check": "ext.interchange.sites",
+        "site_fit": "ext.calibrate.site_fit",
         "site_import": "ext.interchange.sites",
         "site_show": "ext.interchange.sites",
         "run": "verbs.run",

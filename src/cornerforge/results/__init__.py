@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from cornerforge.results.reproduction import Reproduced
     from cornerforge.results.retest import Retested
     from cornerforge.results.roads import RoadTold
+    from cornerforge.results.site_laws import SiteFitted
     from cornerforge.results.sites import SiteTold
     from cornerforge.results.stating import as_json, from_json
     from cornerforge.results.suite import SuiteBuilt
@@ -67,6 +68,7 @@ __all__ = [
     "Served",
     "ShrunkLibrary",
     "Simulated",
+    "SiteFitted",
     "SiteTold",
     "SuiteBuilt",
     "Trained",
@@ -82,8 +84,8 @@ _PLACES = {
     "cases": ("Plausibility", "Queried", "Replayed", "ShrunkLibrary", "Varied"),
     "driving": ("Filled", "NaturalRate", "Simulated"), "imported": ("CasesFromData", "ImportedCases"),
     "learning": ("Trained", "TrainedAv"), "naturalistic": ("NddFitted", "NddImported", "NddShown"),
-    "r157": ("Regulated",), "roads": ("RoadTold",), "sites": ("SiteTold",), "reproduction": ("Reproduced",),
-    "retest": ("Retested",),
+    "r157": ("Regulated",), "roads": ("RoadTold",), "site_laws": ("SiteFitted",), "sites": ("SiteTold",),
+    "reproduction": ("Reproduced",), "retest": ("Retested",),
     "stating": ("as_json", "from_json"), "suite": ("SuiteBuilt",), "validation": ("NddValidated",),
     "whole": (
         "Exported", "Figured", "Initialised", "Migrated", "Reported", "RunDone", "Served", "Verified",

@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
 
+from cornerforge._checks import check_number
 from cornerforge._schema import check_fields, meant
 
 __all__ = ["LAWS_FILE", "WALK_SHARES", "Demand", "Laws"]
@@ -29,6 +30,7 @@ class Laws:
     standstill: Annotated[float, meant("Gap that it keeps at a stand (IDM).", "m", 0.5, 6)] = 2.0
     acceleration: Annotated[float, meant("Acceleration on a free road from a stand (IDM).", "m/s2", 0.5, 4)] = 1.6
     braking: Annotated[float, meant("Comfortable braking (IDM).", "m/s2", 0.5, 5)] = 2.0
+    stopping: Annotated[float, meant("Braking with which it stops at a line or gives way.", "m/s2", 0.5, 5)] = 2.0
     noise: Annotated[float, meant("Standard deviation of a second's acceleration within a driver.", "m/s2", 0, 2)] = 0.4
     pace: Annotated[float, meant("Median of the wished speed, in parts of the limit.", "", 0.5, 1.5)] = 1.0
     pace_spread: Annotated[float, meant("Standard deviation of its log between drivers.", "", 0, 0.5)] = 0.1
@@ -52,7 +54,7 @@ class Laws:
     to_people: Annotated[float, meant("Median gap that a driver leaves to people on their way.", "s", 0.1, 12)] = 2.5
     to_people_spread: Annotated[float, meant("Standard deviation of its log between drivers.", "", 0, 2)] = 0.5
     walks: Annotated[
-        tuple[float, ...], meant("Walking speeds, of which `WALK_SHARES` walk at most as fast.", "m/s", 0.2, 8)
+        tuple[float, ...], meant("Walking speeds, of which `WALK_SHARES` walk at most as fast; 0.2 to 8.", "m/s")
     ] = (0.7, 1.13, 1.31, 1.57, 1.95, 3.0, 4.0)
     walk_change: Annotated[float, meant("Chance that a person changes the speed in a second.", "", 0, 0.5)] = 0.02
     obeys: Annotated[float, meant("Share of people that never leave the kerb on Don't Walk.", "", 0, 1)] = 0.47
@@ -80,6 +82,8 @@ class Laws:
 
     def __post_init__(self) -> None:
         check_fields(self, "laws.")
+        for k, speed in enumerate(self.walks):  # a range of a tuple is nothing that msgspec knows
+            check_number(f"laws.walks[{k}]", speed, low=0.2, high=8.0)
         object.__setattr__(self, "walks", tuple(float(speed) for speed in self.walks))
         for one in fields(self):
             if isinstance(one.default, float):  # kernels would be compiled once more for a whole number

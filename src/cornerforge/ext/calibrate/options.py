@@ -1,4 +1,4 @@
-"""Options of the naturalistic driving model: `ndd fit`, `validate`, `show`, `import`."""
+"""Options of the naturalistic driving model, `ndd fit`, `validate`, `show`, `import`; and of `site fit`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Annotated
 from cornerforge._options import Command, LongWork, Watched
 from cornerforge._schema import meant
 
-__all__ = ["COMMANDS", "DATA_FORMAT", "NddFit", "NddImport", "NddShow", "NddValidate"]
+__all__ = ["COMMANDS", "DATA_FORMAT", "NddFit", "NddImport", "NddShow", "NddValidate", "SiteFit"]
 
 DATA_FORMAT = meant(
     "ngsim, pairs, tracks, tgsim or highd; told from the columns by default.",
@@ -66,6 +66,14 @@ class NddImport(Watched):
     model: Annotated[Path | str | None, meant("Fills what is missing; the shipped model by default.")] = None
 
 
+class SiteFit(Watched):
+    """Fit how drivers and people behave at a junction; what data cannot tell is taken from publications, by name."""
+
+    data: Annotated[Path | str, meant("Folder with the data; its files may be missing.", metavar="DIR")]
+    out: Annotated[Path | str, meant("New file of the laws, .json.")]
+    report: Annotated[Path | str | None, meant("New page of what each law rests on, .html.")] = None
+
+
 COMMANDS = (
     Command(
         NddFit, "ext.calibrate.naturalistic:ndd_fit", "ext.calibrate.naturalistic:fit_text",
@@ -83,5 +91,9 @@ COMMANDS = (
     Command(
         NddImport, "ext.calibrate.naturalistic:ndd_import", "ext.calibrate.naturalistic:import_text",
         ("cornerforge ndd import NDD_DATA --out ivbss.npz",), name="ndd import",
+    ),
+    Command(
+        SiteFit, "ext.calibrate.site_fit:site_fit", "ext.calibrate.site_fit:site_fit_text",
+        ("cornerforge site fit --data urban --out laws.json --report fit.html",), name="site fit",
     ),
 )  # fmt: skip
