@@ -351,10 +351,17 @@ def is_held(w: World, j: int, clock: float, site: NDArray[np.void]) -> bool:
     if row.signal < 0 or room < -_PAST_LINE or own.cleared >= row.stop:
         return False
     letter = letter_at(site, own.route, clock)
-    if letter != RED and letter != YELLOW:
+    if letter != RED and (letter != YELLOW or own.marks & STOPS == 0):
         return False
     turns = letter == RED and row.turn == _RIGHT and own.marks & TURNS_ON_RED and me.speed < 1.0 and room < _AT_LINE
     return not turns and will_stop(me.speed, room)
+
+
+@inlined_kernel
+def stands_still(me: Any) -> bool:
+    """Does a vehicle stand, and not set off?"""
+    still: bool = me.speed < _STANDS and me.commanded < 0.05
+    return still
 
 
 @inlined_kernel
@@ -387,7 +394,7 @@ def _claim(w: World, j: int, to_zone: float, begin: float, first: bool, clock: f
     row = site[0].route[own.route]
     if row.signal >= 0 and own.s + 0.5 * me.length < row.stop + _PAST_LINE and letter_at(site, own.route, clock) == RED:
         return claim - 1
-    return claim + (1 if first else 0)
+    return claim + (1 if first and not stands_still(me) else 0)
 
 
 @kernel
@@ -423,7 +430,8 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
     A vehicle that is ahead on the same way is followed, by the IDM and no faster than is safe. Before a zone that
     another claims first it stays able to stop. Where it must give way, it needs a gap: time until the other arrives,
     less its own until it could wait before the zone. Zones without room to wait between them count as one. Once it has
-    decided to go, it brakes only for what comes into its way all the same.
+    decided to go, it brakes only for what comes into its way all the same. One that stands in the junction goes before
+    those that stand and do not set off.
 
     Args:
         w: The world; `current` lists all that are there.
@@ -450,6 +458,8 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
     room, on_red = _light(w, i, clock, site)
     lit = room < np.inf
     reach, waits_from, waits_to = np.inf, np.inf, np.inf
+    span = held_then_stops_within(speed, me.acceleration, _STRONGEST)
+    inside = place > one.route[own.route].stop
     nearest = np.inf
     until = 0.0
     for k in range(w.state[0].n_current):
@@ -479,7 +489,7 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
             to_zone = zone.begin - longer(me.length, False) - place
             if to_other <= 0.0 and zone.kind != CROSS:
                 there = mapped(zone, other.s)
-                if there > place or (there == place and j < i):
+                if to_zone >= 0.0 or there > place or (there == place and j < i):
                     ahead = max(there - place - half, to_zone)
                     free = _follow(w, i, j, ahead, wanted, idm, free)
                     room = min(room, _kept_free(w, i, j, there, site))
@@ -496,7 +506,7 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
             enters = _time_to(to_zone, speed, wanted, strength)
             leaves = enters + (end - place - to_zone) / max(speed, 2.0)
             crossing = zone.other_end + theirs - other.s
-            if held_then_stops_within(speed, me.acceleration, min(own.most, _STRONGEST)) > to_zone - _EDGE:
+            if span > to_zone - _EDGE:
                 first = goes_before(w, i, j, zone, to_zone, to_other, clock, site)
                 if i == 0 and fresh:
                     other.lets_av |= first << meeting
@@ -510,6 +520,8 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
             if to_other <= 0.0:
                 if enters < crossing / max(v[j].speed, 0.3) + _MARGIN:
                     own.most = min(own.most, _to_stop(speed, to_zone - _MARGIN, one.stopping))
+                continue
+            if speed < _UNDER_WAY and inside and v[j].kind != PERSON and stands_still(v[j]):
                 continue
             owes, arrival = _arrival(w, i, j, zone, to_other, clock, on_red, site)
             if owes == 0 and zone.yields == 0 and zone.goes_first == 0 and arrival < enters:
