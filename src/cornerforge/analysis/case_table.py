@@ -42,7 +42,8 @@ VALUE_COLUMNS: tuple[Field, ...] = (
     Field("value_own_doing", "float64", "", "1 where the AV did something wrong, else 0 (docs/adr/0069).", _SHARE),
     Field("value_avoidability", "float64", "", "Time to react over 2 s, 0 to 1; null: not looked at.", _SHARE,
           nullable=True),
-    Field("value_severity", "float64", "", "1 + log10 P(MAIS 3+ in the AV) / 3, of a person struck that of AIS 4+; 0 to 1.", _SHARE),
+    Field("value_severity", "float64", "", "1 + log10 P(MAIS 3+ in the AV) / 3, of a person struck that of "
+          "AIS 4+; 0 to 1.", _SHARE),
     Field("value_novelty", "float64", "", "Share of the other cases that lie in denser company, 0 to 1.", _SHARE),
     Field("value", "float64", "", "Mean of the four, 0 to 1; null: one of them is not known.", _SHARE, nullable=True),
 )  # fmt: skip

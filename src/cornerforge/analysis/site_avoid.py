@@ -99,7 +99,7 @@ class SiteWaysOut:
 
 @dataclass(frozen=True)
 class CarefulAtSite:
-    """What a careful driver makes of one crash at a site.
+    """Outcome of one crash at a site with a careful driver in the AV's place.
 
     Attributes:
         prevents: It prevents it, in one of the two ways.
@@ -240,7 +240,7 @@ def commits(case: SiteCase, i: int, *, at_line: bool = False, braking: float = _
 
 
 def _of_following(case: SiteCase) -> tuple[int, int]:
-    """Behind one another: braking of the one ahead up to 1 s before the contact, or since the one behind was faster."""
+    """Find when it began behind one another: braking of the one ahead within the last second, or the rear one faster."""
     behind_av = case.is_behind_partner
     ahead = case.partner if behind_av else 0
     behind = 0 if behind_av else case.partner
@@ -275,7 +275,7 @@ def careful_at_site(case: SiteCase, params: AvoidParams, reaction_s: float | Non
 
 
 def _keeps_rules(case: SiteCase, s: NDArray[np.float64]) -> tuple[int, NDArray[np.float64]] | None:
-    """Where the AV broke a rule, stop before the zone, or its line, with comfortable braking: begin and track, or None.
+    """Stop before the zone, or the line, with comfortable braking, if the AV broke a rule: begin and track, or None.
 
     None, too, where it cannot, from the first frame looked at on, or is touched all the same.
     """

@@ -137,7 +137,7 @@ class SiteCase:
         return min(known, key=away) if known else None
 
     def zone_of(self, i: int) -> tuple[float, float]:
-        """From where to where agent i, the AV or the partner, is in the zone, its own length counted in [m]."""
+        """Compute from where to where agent i, AV or partner, is in the zone, its own length counted in [m]."""
         more = longer(self.sizes[i, 0], self.is_person(i))
         names = ("begin", "end") if i == 0 else ("other_begin", "other_end")
         return float(self.zone[names[0]]) - more, float(self.zone[names[1]]) + more
@@ -208,7 +208,7 @@ class SiteCase:
 
     @cached_property
     def in_line(self) -> NDArray[np.float64]:
-        """Where each agent is along the AV's route if it is on it or in a lane of it, NaN else, (T, N) [m]."""
+        """Places along the AV's route of agents on it or in a lane of it, NaN of the others, (T, N) [m]."""
         out = np.full_like(self.s, np.nan)
         table = self.road.site[0]["zone"][self.route[0]]
         for j in range(self.route.size):
