@@ -240,7 +240,7 @@ def commits(case: SiteCase, i: int, *, at_line: bool = False, braking: float = _
 
 
 def _of_following(case: SiteCase) -> tuple[int, int]:
-    """Find when it began behind one another: braking of the one ahead within the last second, or the rear one faster."""
+    """Find when it began behind one another: the one ahead brakes in the last second, or the rear one is faster."""
     behind_av = case.is_behind_partner
     ahead = case.partner if behind_av else 0
     behind = 0 if behind_av else case.partner

@@ -16,10 +16,9 @@ from cornerforge.analysis.fault import (
     RAN_RED,
     WALKED_INTO,
 )  # fmt: skip
-from cornerforge.analysis.site_case import SiteCase, kind_at_site, site_case
+from cornerforge.analysis.site_case import SiteCase, case_of, kind_at_site
 from cornerforge.analysis.site_conduct import side_at_site
 from cornerforge.analysis.site_fault import AT_SITE, broken_at_site
-from cornerforge.recordings import recordings_of
 from cornerforge.site.tables import GREEN, YELLOW
 from cornerforge.types import CLASSES, Scenario
 
@@ -39,7 +38,7 @@ def what_happened_at_site(scenario: Scenario) -> str:
     Raises:
         InputError: There is no crash of the AV, or the recording does not hold its contact.
     """
-    return said_of(site_case(recordings_of(scenario), scenario.odd))
+    return said_of(case_of(scenario))
 
 
 def said_of(case: SiteCase) -> str:

@@ -13,9 +13,9 @@ delta-v of 30 mph: frontal 38.9 %, near side 83.8 %, far side 47.8 %, rear 19.9 
 Only the ratios between the modes are taken from there, because the level belongs to an older fleet: the frontal 38.9 %
 is 10.7 % in Wang. With that ratio at every speed, a contact with a delta-v of 1 m/s would injure one in a hundred.
 
-People on foot: Tefft (2013), "Impact speed and a pedestrian's risk of severe injury or death", Accident Analysis
-and Prevention 50: AIS 4+ with 10 % at 17.1 mph, 25 % at 24.9, 50 % at 33.0, 75 % at 40.8, 90 % at 48.1. Ours is the logistic
-curve through the 50 % and the 10 %; it gives 24.6, 74.6 and 89.0 % at the others. MAIS 3 is likelier.
+People on foot: Tefft (2013), "Impact speed and a pedestrian's risk of severe injury or death", Accid. Anal. Prev. 50:
+AIS 4+ with 10 % at 17.1 mph, 25 % at 24.9, 50 % at 33.0, 75 % at 40.8, 90 % at 48.1. Ours is the logistic curve through
+the 50 % and the 10 %; it gives 24.6, 74.6 and 89.0 % at the others. MAIS 3 is likelier.
 """
 
 from __future__ import annotations
