@@ -55,10 +55,15 @@ class Yield(Rate):
     """How often an adversary makes the AV crash, how often so that braking helps, and who strikes."""
 
     avoidable_per_test: Annotated[
-        Share, meant("Share of the tests with a crash that braking in time would have avoided, 0 to 1.", "per test")
+        Share | None,
+        meant(
+            "Share of the tests with a crash that braking in time would have avoided, 0 to 1; null: at a site, where it "
+            "is not judged.",
+            "per test",
+        ),
     ]
     avoidable_interval95: Annotated[
-        Interval, meant("Exact interval of `avoidable_per_test`; low is 0 with none.", "per test")
+        Interval | None, meant("Exact interval of `avoidable_per_test`; low is 0 with none; null: likewise.", "per test")
     ]
     striking_share: Annotated[
         Share | None, meant("Share of the crashes in which the AV struck, 0 to 1; null: no crash.")

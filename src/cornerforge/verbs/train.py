@@ -13,8 +13,8 @@ from cornerforge._options import verb
 from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.verdicts import count_paid, verdict_of
-from cornerforge.adversary.worlds import judge_crashes, reward_numbers
-from cornerforge.errors import OutputError
+from cornerforge.adversary.worlds import SITE_REWARDS, judge_crashes, reward_numbers
+from cornerforge.errors import InputError, OutputError
 from cornerforge.experiment.counting import drive_tests, rate_summary
 from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.forecast import forecast
@@ -63,8 +63,9 @@ EVALUATION_TESTS = 1 << 41
 STAND_IN_ADVICE = (
     "Of a slow AV, train against a stand-in (--av idm-mobil) and generate cases with the AV itself; run --hours does."
 )
-BASELINES = ("uniform", "lane-changer", "swerve")
-"""Plain adversaries, each unmasked and masked, and traffic without an adversary stand beside every yield."""
+BASELINES = controllers.ROAD_ADVERSARIES
+"""Plain adversaries of roads; they or those of sites, each unmasked and masked, and traffic without an adversary stand
+beside every yield."""
 
 
 def about_training(run: Experiment, config: TrainConfig, result: TrainResult, seed: int) -> dict[str, Any]:
@@ -231,20 +232,22 @@ def evaluate(
     strikes, avoidable = judge(run, seed, crashed, reward_numbers("avoidable", delay_s), check_threads(threads))
     counted = count_paid(run, seed, crashed, reward, check_threads(threads))
     run.rest()  # importing torch may keep frames, and what they hold, until memory is tidied
-    return yield_of(len(crashed), tally.tests, tally.miles, int(strikes.sum()), int(avoidable.sum()), **counted)
+    braked = int(avoidable.sum()) if run.odd.site is None else None
+    return yield_of(len(crashed), tally.tests, tally.miles, int(strikes.sum()), braked, **counted)
 
 
 def yield_of(
-    crashes: int, tests: int, miles: float, strikes: int, avoidable: int, *, paid: int | None, strictly: int | None
-) -> Yield:
+    crashes: int, tests: int, miles: float, strikes: int, avoidable: int | None, *, paid: int | None,
+    strictly: int | None,
+) -> Yield:  # fmt: skip
     """Make a yield of counts: crashes, in how many of them the AV struck, and how many braking would have avoided.
 
     `paid` and `strictly` as `verdicts.count_paid` gives them.
     """
     return Yield(
         **vars(rate_summary(crashes, tests, miles)),
-        avoidable_per_test=avoidable / tests,
-        avoidable_interval95=binomial_interval(avoidable, tests),
+        avoidable_per_test=None if avoidable is None else avoidable / tests,
+        avoidable_interval95=None if avoidable is None else binomial_interval(avoidable, tests),
         striking_share=strikes / crashes if crashes else None,
         striking_interval95=binomial_interval(strikes, crashes) if crashes else None,
         paid_per_test=None if paid is None else paid / tests,
@@ -276,7 +279,7 @@ def measure_baselines(
     Traffic without an adversary has no mask and is measured once.
     """
     rates = []
-    for name in ("nobody", *BASELINES):
+    for name in ("nobody", *(BASELINES if run.odd.site is None else controllers.SITE_ADVERSARIES)):
         for bounded in (False,) if name == "nobody" else (False, True):
             budget = run.setting.who.budget if bounded else 0
             setting = run.setting.with_drivers(
@@ -315,6 +318,8 @@ def train(options: Train) -> Trained:
         config = replace(config, decisions=10**12)  # only the time ends it
     world = options.world()
     run = experiment(world, bv="uniform", takes_foreign=True, seed=options.seed)
+    if run.odd.site is not None and options.reward not in SITE_REWARDS:
+        raise InputError(f"reward = {options.reward!r} is judged on roads only; at a site take {' or '.join(SITE_REWARDS)}.")
     check_new_file(path, overwrite=options.resume)
     checkpoint = checkpoint_beside(path, run, config, options.seed)
     check_new_file(checkpoint.path, overwrite=True)

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from cornerforge.adversary.worlds.judge import judge_crashes
     from cornerforge.adversary.worlds.rewards import (
         REWARDS,
+        SITE_REWARDS,
         RewardNumbers,
         driver_of_reward,
         reward_named,
@@ -44,8 +45,8 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
-    "AV_DECISIONS", "FINISHED", "HOSTILE", "REWARDS", "Actors", "AvReward", "CrashCases", "Exploring",
-    "ForeignCollector", "Group", "RewardNumbers", "Transitions", "Verdict", "agents", "allocate_actors",
+    "AV_DECISIONS", "FINISHED", "HOSTILE", "REWARDS", "SITE_REWARDS", "Actors", "AvReward", "CrashCases",
+    "Exploring", "ForeignCollector", "Group", "RewardNumbers", "Transitions", "Verdict", "agents", "allocate_actors",
     "allocate_av_actors", "allocate_history", "collect", "collect_av", "driver_of_reward", "judge_crashes",
     "reward_named", "reward_numbers", "start_av_worlds", "start_worlds",
 ]  # fmt: skip
@@ -60,7 +61,7 @@ _PLACES: dict[str, tuple[str, ...]] = {
         "start_worlds",
     ),
     "judge": ("judge_crashes",),
-    "rewards": ("REWARDS", "RewardNumbers", "driver_of_reward", "reward_named", "reward_numbers"),
+    "rewards": ("REWARDS", "SITE_REWARDS", "RewardNumbers", "driver_of_reward", "reward_named", "reward_numbers"),
 }  # fmt: skip
 """By module, the names that it gives; modules that are given as a whole stand under the empty name."""
 

@@ -18,6 +18,7 @@ from cornerforge.adversary.worlds.judge import judge_crash
 from cornerforge.adversary.worlds.rewards import AVOIDABLE, av_strikes, is_paid
 from cornerforge.errors import InputError
 from cornerforge.road.straight import ahead_by
+from cornerforge.site.tables import at_site
 from cornerforge.sim import (
     AV_MUST_ANSWER,
     BV_MUST_ANSWER,
@@ -41,7 +42,7 @@ from cornerforge.sim import (
     world_of,
     world_row,
 )
-from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, N_ACTIONS, SUBSTEPS
+from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, N_ACTIONS, PERSON, SUBSTEPS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -71,7 +72,8 @@ __all__ = [
 ]
 
 
-_UNIFORM, _SWERVE = controllers.ADVERSARIES["uniform"], controllers.ADVERSARIES["swerve"]
+_UNIFORM, _SWERVE, _DART_OUT = controllers.UNIFORM, controllers.SWERVE, controllers.DART_OUT
+_BY_TEST = np.array([controllers.RED_RUNNER, controllers.TURNS_ACROSS, controllers.CUTS_IN])
 MAX_TRIES = 1000
 """Tests in a row without any BV after which `start_with_bv` gives up."""
 _NOBODY = "There is no background vehicle to control in 1000 tests on end; use a model with more traffic."
@@ -336,7 +338,7 @@ def reward_of(
         drive_again(history, b, w.state[0].seed, w.state[0].test, history.world, setting, s, history.keep)
         strikes, avoidable = judge_crash(history.world, history.keep.recording, setting, reward.braking)
     else:
-        strikes = av_strikes(w.vehicles, 0, w.state[0].slot_b)
+        strikes = av_strikes(w.vehicles, 0, w.state[0].slot_b, not at_site(setting.road.site))
     return 1.0 if is_paid(reward.code, strikes, avoidable) else 0.0
 
 
@@ -360,7 +362,8 @@ def _ram(w: World, bv: int, allowed: NDArray[np.bool_]) -> int:
 def _guided(w: World, bv: int, exploring: Exploring, allowed: NDArray[np.bool_]) -> tuple[int, int]:
     """Choose how a guided world acts: by the policy or, with at least the chance `guided_epsilon`, towards a crash.
 
-    In three tests of five that is the action of `swerve`, in the other two ramming the AV from behind. One time in four
+    In three tests of five that is the action of `swerve`, in the other two ramming the AV from behind; at a site that of
+    one of its plain adversaries. One time in four
     it is any allowed action instead, because a rule alone always does the same.
 
     Returns:
@@ -372,6 +375,8 @@ def _guided(w: World, bv: int, exploring: Exploring, allowed: NDArray[np.bool_])
         return exploring.kind, -1
     if uniform(words[1]) < 0.25:
         return _UNIFORM, -1
+    if w.agents.size:
+        return _DART_OUT if w.vehicles[bv].kind == PERSON else _BY_TEST[state.test % _BY_TEST.size], -1
     return _SWERVE, _ram(w, bv, allowed) if state.test % 5 < 2 else -1
 
 

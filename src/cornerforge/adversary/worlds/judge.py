@@ -12,6 +12,7 @@ from cornerforge.adversary.worlds.rewards import av_strikes
 from cornerforge.counterfactual import Braking, is_avoidable
 from cornerforge.recordings import Trajectories
 from cornerforge.sim import Recorder, Setting, World, outcome
+from cornerforge.site.tables import at_site
 from cornerforge.work import Rooms, in_order
 
 __all__ = ["judge_crash", "judge_crashes"]
@@ -21,10 +22,15 @@ _CHUNK = 256
 
 @kernel
 def judge_crash(w: World, recording: NDArray[np.void], setting: Setting, braking: Braking) -> tuple[bool, bool]:
-    """Judge a recorded test that ended in a crash of the AV: did it strike, could braking have avoided the crash?"""
+    """Judge a recorded test that ended in a crash of the AV: did it strike, could braking have avoided the crash?
+
+    The second is False at a site, where it is not judged.
+    """
     state = w.state[0]
     partner = state.slot_b
-    strikes = av_strikes(w.vehicles, 0, partner)
+    if at_site(setting.road.site):
+        return av_strikes(w.vehicles, 0, partner, False), False
+    strikes = av_strikes(w.vehicles, 0, partner, True)
     test = Trajectories(recording, w.vehicles, state.n_vehicles)
     return strikes, is_avoidable(test, state.frame, partner, setting.road, braking)
 

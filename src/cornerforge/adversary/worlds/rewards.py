@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = [
     "DRIVER",
     "REWARDS",
+    "SITE_REWARDS",
     "Reward",
     "RewardNumbers",
     "av_strikes",
@@ -82,6 +83,8 @@ REWARDS = {
     ),
 }
 """The rewards by name; the two that ask a reference driver may end in a colon and a name of `careful.CAREFUL`."""
+SITE_REWARDS = ("crash", "striking")
+"""Rewards at a site; the others are judged by what roads have."""
 
 
 class RewardNumbers(NamedTuple):
@@ -178,22 +181,22 @@ def _separation(
 
 
 @kernel
-def av_strikes(v: NDArray[np.void], i: int, j: int) -> bool:
+def av_strikes(v: NDArray[np.void], i: int, j: int, along_road: bool) -> bool:
     """Does the AV's front take part in the first contact? The geometry of `analysis.contact`, for one crash.
 
     Both boxes are moved back along their velocities to the moment at which they touched; the axis of the contact is the
     separating axis on which they began to overlap last.
 
     Args:
-        v: Vehicles with x, y [m], speed along the road [m/s], heading [rad], length and width [m], in the first frame
-            of overlap.
+        v: Vehicles with x, y [m], speed [m/s], heading [rad], length and width [m], in the first frame of overlap.
         i, j: The AV, and the other vehicle.
+        along_road: Speeds are along the road; else, at a site, along each one's way.
     """
     av, other = v[i], v[j]
     sa, ca = sin_cos(av.heading)
     sb, cb = sin_cos(other.heading)
-    path_speed = av.speed / ca if ca > 0.5 else av.speed  # as in `analysis.contact`: the speed is along the road
-    other_path_speed = other.speed / cb if cb > 0.5 else other.speed
+    path_speed = av.speed / ca if along_road and ca > 0.5 else av.speed  # as in `analysis.contact`
+    other_path_speed = other.speed / cb if along_road and cb > 0.5 else other.speed
     vx = other_path_speed * cb - path_speed * ca
     vy = other_path_speed * sb - path_speed * sa
     dx = ahead_by(v, i, j)

@@ -37,8 +37,10 @@ def paid_text(r: Yield, reward: str | None) -> str:
 
 def yield_text(r: Yield, what: str, reward: str) -> str:
     """Write an adversary's yield, how much of it braking would have avoided, and in how many crashes the AV struck."""
-    low, high = r.avoidable_interval95
-    line = f"{rate_text(r, what)}, {r.avoidable_per_test:.4g} avoidable by braking ({low:.3g} to {high:.3g})"
+    line = rate_text(r, what)
+    if r.avoidable_per_test is not None and r.avoidable_interval95 is not None:
+        low, high = r.avoidable_interval95
+        line += f", {r.avoidable_per_test:.4g} avoidable by braking ({low:.3g} to {high:.3g})"
     line += paid_text(r, reward)
     share = r.striking_share
     return line if share is None else f"{line}; the AV strikes in {100.0 * share:.1f} %"
