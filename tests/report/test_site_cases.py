@@ -17,7 +17,7 @@ from cornerforge.report.cases import case_data
 from cornerforge.report.moments import Moments, apart
 from cornerforge.report.site_surface import changes_of, site_surface
 from cornerforge.site.network import SITE_FILES, Site
-from cornerforge.site.signals import clock_of, letters_over
+from cornerforge.site.signals import clock_in, letters_over
 from cornerforge.site.tables import letter_at, site_numbers, walk_letter
 from cornerforge.types import FRAME_S, PERSON, Scenario
 from cornerforge.world_options import WorldOptions
@@ -105,12 +105,12 @@ def test_lights_show_what_drivers_and_people_see(site: Site) -> None:
 
 def test_the_clock_of_the_signals_follows_from_the_tests_name(drives: list[Scenario], site: Site) -> None:
     cycle = sum(phase.seconds for phase in site.programme)
-    clocks = {clock_of(replace(one, signals_s=None)) for one in drives}
+    clocks = {clock_in(replace(one, signals_s=None)) for one in drives}
     assert len(clocks) == len(drives)
     for one in drives:
-        assert one.signals_s == clock_of(replace(one, signals_s=None))
-        assert 0.0 <= clock_of(one) < cycle
-    assert clock_of(replace(drives[0], signals_s=7.5)) == 7.5
+        assert one.signals_s == clock_in(replace(one, signals_s=None))
+        assert 0.0 <= clock_in(one) < cycle
+    assert clock_in(replace(drives[0], signals_s=7.5)) == 7.5
 
 
 def test_a_page_shows_vehicles_on_the_map(drives: list[Scenario]) -> None:

@@ -20,7 +20,7 @@ from cornerforge.report.surface import surface_of
 from cornerforge.road.straight import along
 from cornerforge.sim import perceived
 from cornerforge.site.network import Site
-from cornerforge.site.signals import clock_of
+from cornerforge.site.signals import clock_in
 from cornerforge.types import ACTIONS, CLASSES, FRAME_S, Scenario
 
 __all__ = ["BEFORE_S", "case_data", "first_shown", "ghost", "load_scenarios", "unseen_s"]
@@ -134,7 +134,7 @@ def _surface(scenario: Scenario) -> dict[str, Any]:
 def _site(scenario: Scenario, site: Site, first: int) -> dict[str, Any]:
     """Make what `case_data` says of a site; lights of frames before the first one shown are left out."""
     found, start = site_surface(site), np.array([scenario.x[0, 0], 0.0])
-    clock = clock_of(scenario) + first * FRAME_S
+    clock = clock_in(scenario) + first * FRAME_S
     changes = changes_of(site, clock, len(scenario.x) - first, FRAME_S)
 
     def flat(points: NDArray[np.float64]) -> list[float | None]:
