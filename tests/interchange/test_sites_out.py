@@ -215,7 +215,7 @@ def test_a_trace_at_a_junction_is_not_read_as_a_road(case: OutCase, tmp_path: Pa
 
 @pytest.mark.parametrize("to", sorted(EXPORTS))
 def test_formats_without_junctions_are_refused_by_name(case: OutCase, to: str) -> None:
-    if to in ("commonroad", "csv", "mcap", "osi", "parquet"):
+    if to in ("commonroad", "csv", "json", "mcap", "osi", "parquet"):
         _check_site(case.scenario.odd.site, to)
         return
     with pytest.raises(InputError, match=f"{to} is written with lanes beside each other.*junction"):
