@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
+from html import unescape
+from pathlib import Path
 
 import numpy as np
 import pytest
+from html_page import browse, needs_browser
 
 from cornerforge.experiment.setting import experiment
+from cornerforge.ext.pictures.player import player
 from cornerforge.ext.pictures.road_view import PRINT, SCREEN, RoadView
 from cornerforge.ext.pictures.strip import strip_figure
 from cornerforge.geometry import Box, boxes_overlap
@@ -182,3 +187,38 @@ def test_a_picture_stands_still_where_the_two_meet(drives: list[Scenario], look:
     np.testing.assert_allclose(view._lines.get_segments()[0], late[0])
     assert len(view._bodies.get_paths()) > 1
     assert len(strip_figure(drives[-1], [1.0, 0.0], width=3.5).axes) == 2
+
+
+COUNTS = """
+setTimeout(() => {
+  const canvas = document.getElementById("look-road");
+  const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+  const wanted = {red: [255, 59, 48], amber: [255, 191, 0], green: [46, 204, 113]};
+  for (const [name, [r, g, b]] of Object.entries(wanted)) {
+    let n = 0;
+    for (let i = 0; i < pixels.length; i += 4) n += pixels[i] === r && pixels[i + 1] === g && pixels[i + 2] === b;
+    document.body.dataset[name] = n;
+  }
+}, 1000);
+"""
+
+
+@needs_browser
+def test_a_browser_draws_the_lights_of_the_moment(drives: list[Scenario], tmp_path: Path) -> None:
+    """A colour that no light shows is not there, the others are."""
+    crash = drives[-1]
+    site = crash.odd.site
+    assert site is not None
+    cycle = sum(phase.seconds for phase in site.programme)
+    last = FRAME_S * (len(crash.x) - 1)
+    for clock in (0.0, 16.0, 18.5):  # green and red; amber and red; all red
+        shown = replace(crash, signals_s=(clock + 0.5 - last) % cycle)
+        letters = {str(letters_over(site, k, np.array([clock + 0.5]))[0]) for k in range(len(site.routes))}
+        (frame,) = re.findall(r'srcdoc="(.*?)"', player("0:7", shown), re.DOTALL)
+        text = re.sub(r"<meta http-equiv[^>]*>", "", unescape(frame))
+        (tmp_path / "page.html").write_text(text + f"<script>{COUNTS}</script>", encoding="utf-8")
+        html = browse((tmp_path / "page.html").as_uri(), tmp_path / f"profile-{clock:g}")
+        counts = {name: int(n) for name, n in re.findall(r'data-(red|amber|green)="(\d+)"', html)}
+        for name, letter in (("red", "r"), ("amber", "y")):
+            assert (counts[name] > 50) == (letter in letters), (clock, counts)
+        assert (counts["green"] > 50) == bool(letters & {"g", "G"}), (clock, counts)
