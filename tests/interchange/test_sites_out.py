@@ -1,4 +1,4 @@
-"""Cases at a site in files of other tools: places, lanes and lights are the recording's; what is not said is refused."""
+"""Cases at a site in files of other tools: places, lanes and lights are the recording's; the rest is refused."""
 
 from __future__ import annotations
 
