@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import lru_cache
 from statistics import NormalDist
 from typing import TYPE_CHECKING, Any
@@ -13,8 +13,8 @@ import numpy as np
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.errors import InputError
 from cornerforge.site.laws import Demand, Laws
-from cornerforge.site.network import TURNS, Site, headings_of
-from cornerforge.site.zones import BODY, PERSON, zones_of
+from cornerforge.site.network import TURNS, Route, Site, headings_of
+from cornerforge.site.zones import BODY, PERSON, Zone, zones_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,6 +41,8 @@ _LETTERS = {"r": RED, "y": YELLOW, "G": GREEN, "g": YIELDING_GREEN}
 _KINDS = {"cross": CROSS, "merge": MERGE, "diverge": DIVERGE, "shared": SHARED, "weave": WEAVE}
 WARM_UP = 40.0
 """Traffic drives so long before the AV comes [s]."""
+_FREE = 0.5
+"""A vehicle that waits at a line is so far from where it would be in the way [m]."""
 _ROOM_TO_WAIT = 1.0
 """A vehicle may wait between two zones that are so far apart along its route [m]."""
 ACCELERATION_STEP = 0.2
@@ -48,8 +50,8 @@ ACCELERATION_STEP = 0.2
 _BRAKES = 1.5
 """Braking with which a limit or a turn ahead is met [m/s2]."""
 
-_WIDEST = 2.3
-"""Zones are those of vehicles that are this wide [m], as delivery trucks."""
+_WIDEST, _LONGEST = 2.3, 7.5
+"""Zones are those of vehicles of this width [m], and as delivery trucks of this length sweep them [m]."""
 SLOW_WALK, CHANGE_TIME = 1.07, 4.0
 """Walking speed of slow people [m/s], and the time in which signals change [s]; see `walk_letter`."""
 _BODY, _PERSON = BODY[0], PERSON[0]
@@ -199,7 +201,7 @@ def _noise_shares(sd: float) -> NDArray[np.float64]:
 
 
 def _fill_zones(one: NDArray[np.void], site: Site) -> None:
-    for zone in zones_of(site, _WIDEST):
+    for zone in _zones_of_all(site):
         for own, other, stretch, others, yields, first in (
             (zone.first, zone.second, zone.of_first, zone.of_second, zone.first_yields, zone.second_yields),
             (zone.second, zone.first, zone.of_second, zone.of_first, zone.second_yields, zone.first_yields),
@@ -214,6 +216,56 @@ def _fill_zones(one: NDArray[np.void], site: Site) -> None:
             met[known] = (_KINDS[zone.kind], *stretch, *others, yields, first, 0.0)
     for own in range(len(site.routes)):
         _fill_chains(one, own)
+    for own in site.vehicles:
+        _clear_line(one, own)
+
+
+def _zones_of_all(site: Site) -> list[Zone]:
+    """Find the zones of cars, made longer where trucks, which swing out, touch more than their length explains."""
+    pairs: dict[tuple[int, int], list[Zone]] = {}
+    for zone in zones_of(site, _WIDEST):
+        pairs.setdefault((zone.first, zone.second), []).append(zone)
+    for zone in zones_of(site, _WIDEST, _LONGEST):
+        known = pairs.setdefault((zone.first, zone.second), [])
+        swings = replace(
+            zone,
+            of_first=_inside(zone.of_first, site.routes[zone.first]),
+            of_second=_inside(zone.of_second, site.routes[zone.second]),
+        )
+        met = [k for k, one in enumerate(known) if _meet(one.of_first, zone.of_first) and _meet(one.of_second, zone.of_second)]
+        if not met:
+            known.append(swings)
+            continue
+        first, last = met[0], met[-1]
+        known[first] = _lengthened(known[first], swings, at_begin=True)
+        known[last] = _lengthened(known[last], swings, at_begin=False)
+    return [zone for known in pairs.values() for zone in known]
+
+
+def _inside(stretch: tuple[float, float], route: Route) -> tuple[float, float]:
+    """Shorten a stretch of trucks by what their ends reach farther; that of a person's route stays."""
+    if route.turn == "walk":
+        return stretch
+    more = 0.5 * (_LONGEST - _BODY)
+    begin = stretch[0] + more if stretch[0] > 0.0 else 0.0
+    end = stretch[1] - more if stretch[1] < route.length else stretch[1]
+    return begin, max(begin, end)
+
+
+def _meet(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    return one[0] <= other[1] and other[0] <= one[1]
+
+
+def _lengthened(zone: Zone, swings: Zone, *, at_begin: bool) -> Zone:
+    """Lengthen a zone at its begin or end to that of trucks; on both routes alike where they have one lane."""
+    a, b = zone.of_first, zone.of_second
+    if not at_begin:
+        return replace(zone, of_first=(a[0], max(a[1], swings.of_first[1])), of_second=(b[0], max(b[1], swings.of_second[1])))
+    begins = min(a[0], swings.of_first[0]), min(b[0], swings.of_second[0])
+    if zone.kind != "cross":
+        more = min(max(a[0] - begins[0], b[0] - begins[1]), a[0], b[0])
+        begins = a[0] - more, b[0] - more
+    return replace(zone, of_first=(begins[0], a[1]), of_second=(begins[1], b[1]))
 
 
 def _fill_chains(one: NDArray[np.void], own: int) -> None:
@@ -225,6 +277,14 @@ def _fill_chains(one: NDArray[np.void], own: int) -> None:
         follows = [later for later in behind if later["begin"] < row["end"] + _ROOM_TO_WAIT]
         row["until"] = max([row["end"], *(later["until"] for later in follows)])
         behind.append(row)
+
+
+def _clear_line(one: NDArray[np.void], own: int) -> None:
+    """Draw the stop line of a route back, so that a truck which waits there stands outside the zones about the line."""
+    row = one["route"][own]
+    for zone in one["zone"][own].reshape(-1):
+        if zone["kind"] in (CROSS, MERGE, WEAVE) and row["stop"] - _BODY < zone["begin"]:
+            row["stop"] = min(row["stop"], zone["begin"] + 0.5 * _BODY - _FREE)
 
 
 @inlined_kernel

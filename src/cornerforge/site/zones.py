@@ -49,15 +49,15 @@ class Zone(Declared):
     second_yields: Annotated[bool, meant("The second route yields to the first.")]
 
 
-def zones_of(site: Site, width: float = BODY[1]) -> tuple[Zone, ...]:
+def zones_of(site: Site, width: float = BODY[1], length: float = BODY[0]) -> tuple[Zone, ...]:
     """Find the zones of a site, by the first route, then the second, then from where along the first.
 
     Bodies of `BODY` and `PERSON` are put every 0.5 m along both routes, and tried for touch; so a stretch is found to
     half a metre, and is made wider by that. Two routes that meet, part for more than a body's length and meet again
-    have a zone for each meeting. Two routes of people have none. `width`: of the vehicles [m].
+    have a zone for each meeting. Two routes of people have none. `width`, `length`: of the vehicles [m].
     """
     places = [_places(route) for route in site.routes]
-    sizes = [PERSON if route.turn == "walk" else (BODY[0], width) for route in site.routes]
+    sizes = [PERSON if route.turn == "walk" else (length, width) for route in site.routes]
     found = []
     for second, two in enumerate(site.routes):
         for first, one in enumerate(site.routes[:second]):

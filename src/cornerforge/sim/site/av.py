@@ -29,7 +29,7 @@ def junction_av_decides(w: World, substep: int, road: RoadNumbers, av: AvNumbers
     """
     own = w.agents[0]
     seconds = seconds_of(w) - (1.0 if substep > 0 else 0.0) + substep * FRAME_S
-    look_as_driver(w, 0, w.state[0].clock + seconds, road.site)
+    look_as_driver(w, 0, w.state[0].clock + seconds, substep == 0, road.site)
     if own.chooses and own.goes >= _TAKES:
         own.cleared = max(own.cleared, own.until)
         return own.free

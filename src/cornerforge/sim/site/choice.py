@@ -85,7 +85,7 @@ def natural_choice(w: World, i: int, site: NDArray[np.void], p: NDArray[np.float
         p[a] = 0.0
     if w.vehicles[i].kind == PERSON:
         p[GIVES_WAY] = 1.0 - own.goes
-        change = one.walk_change if own.s > AT_KERB else 0.0
+        change = one.walk_change if own.s > AT_KERB and own.for_whom < 0 else 0.0
         p[GOES] = own.goes * (1.0 - change)
         for k in range(_WALKS.size):
             p[FIRST_ACCELERATION + k] = own.goes * change / _WALKS.size
@@ -115,7 +115,7 @@ def draw_action(w: World, i: int, word: uint64, away_word: uint64, site: NDArray
         if draw >= own.goes:
             return GIVES_WAY
         part = draw / own.goes * (1.0 / site[0].walk_change if site[0].walk_change > 0.0 else np.inf)
-        changes = own.s > AT_KERB and part < 1.0
+        changes = own.s > AT_KERB and own.for_whom < 0 and part < 1.0
         return FIRST_ACCELERATION + math.floor(part * _WALKS.size) if changes else GOES
     away = uniform(away_word) < away_chance(w, i, site)
     w.vehicles[i].away = 1 if away else 0

@@ -62,14 +62,18 @@ decided to stop at this light. Of a person: it has looked at the traffic once; i
 WARM_STEP = 1 << 15
 """Numbers of decisions from here on are those of the warm-up."""
 _HARDEST = 8.0
+_STRONGEST = 3.0
+_RAMP_TIME = 0.08
+"""An acceleration takes so long to change [s per m/s2], a little longer than it does (`experiment.sites`)."""
 _EXPECTED = 4.0
 """A vehicle that needs to brake harder than this is thought not to stop [m/s2]."""
-_STEP, _FARTHEST, _SOON = 0.5, 8.0, 3.0
+_STEP, _FARTHEST = 0.5, 8.0
 _CLOSE = 0.3
 """Room that is kept to what stands ahead in a zone that both are in [m]."""
 _MARGIN = 0.5
 """Drivers stop so far before the place in which they would be in the way [m], and leave so many seconds behind others."""
 _PAST_LINE = 0.5
+_LEFT_KERB, _GOES = 0.05, 1
 _CRAWLS, _UNDER_WAY = 2.0, 1.0
 _STANDS = 0.5
 """Below this speed a vehicle stands [m/s]."""
@@ -79,8 +83,11 @@ _SETS_OFF = 1.0
 """Acceleration at which others are thought to drive off [m/s2]."""
 _NO_DOUBT = 3.0
 """A gap so many times the critical one is taken."""
-_OWN_BRAKES, _LEAD_BRAKES, _LEAVES, _DELAY = 7.0, 6.0, 0.5, 0.6
-"""How hard a driver brakes if it must, and its lead [m/s2], what it leaves between them [m], and how late it is [s]."""
+_LEAVES, _EDGE = 0.5, 0.1
+"""Room that a driver leaves to its lead, and to a zone that is another's, however hard it has to brake [m]."""
+_SPURTS, _NEXT, _THROUGH = 1.5, 2.0, 0.5
+"""A person may come so much nearer in a second than it walks [m]; a driver passes before one that needs so long to the
+zone, and so much longer than itself to its end [s]."""
 _RAMP = 0.2
 """Braking begins so late, because the acceleration must change first [s]."""
 _SURE = 1.7
@@ -112,7 +119,7 @@ def will_stop(speed: float, room: float) -> bool:
     return speed < _STANDS or 0.5 * speed * speed <= _EXPECTED * max(room, 0.0)
 
 
-@inlined_kernel
+@kernel
 def _to_stop(speed: float, room: float, braking: float) -> float:
     """Compute the acceleration with which a vehicle stops within a room [m], if it decides again in a second [m/s2].
 
@@ -125,7 +132,7 @@ def _to_stop(speed: float, room: float, braking: float) -> float:
     return max(-_HARDEST, max(safe, 0.0) - speed)
 
 
-@inlined_kernel
+@kernel
 def _time_to(room: float, speed: float, wanted: float, a: float) -> float:
     """Compute the time over a distance [s] of a vehicle that accelerates from a speed to the wanted one [m/s]."""
     if room <= 0.0:
@@ -139,15 +146,67 @@ def _time_to(room: float, speed: float, wanted: float, a: float) -> float:
 
 
 @inlined_kernel
+def stops_within(speed: float, now: float) -> float:
+    """Bound the way on which a vehicle stops that brakes as hard as it can, from a speed and an acceleration [m]."""
+    late = max(now + _HARDEST, 0.0)
+    return speed * (late * late * _RAMP_TIME + speed) / (2.0 * _HARDEST)
+
+
+@kernel
+def held_then_stops_within(speed: float, now: float, command: float) -> float:
+    """Compute the way on which a vehicle stops that first goes to an acceleration `command` for a second [m].
+
+    Args:
+        speed: Its speed now [m/s].
+        now: Its acceleration now [m/s2].
+        command: The acceleration that it goes to [m/s2].
+    """
+    change = now - command
+    ramp = abs(change) * _RAMP_TIME
+    gained = 0.5 * change * ramp
+    after = speed + command + gained
+    if after < 0.0:
+        if command > -0.1:
+            return 0.3 * speed + 0.5 * max(command, 0.0) + stops_within(max(command, 0.0), command)
+        late = max(change, 0.0)
+        return speed * (late * late * _RAMP_TIME + speed) / (-2.0 * command)
+    return speed + 0.5 * command + gained * (1.0 - ramp / 3.0) + stops_within(after, command)
+
+
+@kernel
+def _still_stops(speed: float, now: float, room: float, most: float) -> float:
+    """Find the largest acceleration, up to `most` [m/s2], after a second of which a vehicle can stop within `room` [m]."""
+    high = min(most, _STRONGEST)
+    if held_then_stops_within(speed, now, high) <= room:
+        return most
+    low = -_HARDEST
+    if held_then_stops_within(speed, now, low) >= room:
+        return low
+    for _ in range(6):
+        middle = 0.5 * (low + high)
+        if held_then_stops_within(speed, now, middle) <= room:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@inlined_kernel
+def _keep_room(w: World, i: int, room: float) -> None:
+    """Let slot i accelerate no more than leaves it able to stop within a room [m], whatever it does in this second."""
+    me, own = w.vehicles[i], w.agents[i]
+    own.most = _still_stops(me.speed, me.acceleration, room, own.most)
+
+
+@inlined_kernel
 def _follow(w: World, i: int, j: int, room: float, wanted: float, own: IdmNumbers, free: float) -> float:
-    """Bound the acceleration `free` of slot i behind slot j at a room [m], and note what is safe in `most` [m/s2]."""
+    """Bound the acceleration `free` of slot i behind slot j at a room [m], and note what is safe in `most` [m/s2].
+
+    Safe is what lets it stop behind slot j if that brakes now as hard as it can.
+    """
     me, lead = w.vehicles[i], w.vehicles[j]
-    free = min(free, idm_acceleration(me.speed, room, lead.speed - me.speed, own))
-    other = max(lead.speed + min(lead.acceleration, 0.0), 0.0)
-    room += 0.5 * (lead.speed + other) + other * other / (2.0 * _LEAD_BRAKES) - 0.5 * me.speed - _LEAVES
-    speed = _OWN_BRAKES * (math.sqrt(max(_DELAY * _DELAY + 2.0 * room / _OWN_BRAKES, 0.0)) - _DELAY)
-    w.agents[i].most = min(w.agents[i].most, max(-_HARDEST, speed - me.speed))
-    return free
+    _keep_room(w, i, room - _LEAVES + lead.speed * lead.speed / (2.0 * _HARDEST))
+    return min(free, idm_acceleration(me.speed, room, lead.speed - me.speed, own))
 
 
 @kernel
@@ -168,23 +227,15 @@ def room_before(w: World, i: int, j: int) -> float:
 
 
 @kernel
-def _room_along(w: World, i: int, j: int, strength: float, site: NDArray[np.void]) -> float:
-    """Compute the room along the route of slot i to the box of slot j [m]; +inf if it is not within `_FARTHEST`.
-
-    `strength`: the acceleration of slot i [m/s2], while j is thought to drive on until a second later; 0: j is thought
-    to stay where it is.
-    """
-    me, other, own, theirs = w.vehicles[i], w.vehicles[j], w.agents[i], w.agents[j]
+def _room_along(w: World, i: int, j: int, site: NDArray[np.void]) -> float:
+    """Compute the room along the route of slot i to the box of slot j [m]; +inf if it is not within `_FARTHEST`."""
+    me, other, own = w.vehicles[i], w.vehicles[j], w.agents[i]
+    theirs = Box(other.x, other.y, other.heading, other.length + _CLOSE, other.width + _CLOSE)
     steps = 1
     while steps * _STEP <= _FARTHEST:
-        room = steps * _STEP
-        x, y, heading = pose_at(site, own.route, own.s + room)
-        mine = Box(x, y, heading, me.length + _CLOSE, me.width + _CLOSE)
-        time = _time_to(room, me.speed, 2.0 * me.speed + 5.0, strength) if strength > 0.0 else 0.0
-        for late in range(3 if strength > 0.0 else 1):
-            ox, oy, turned = pose_at(site, theirs.route, theirs.s + other.speed * (time + 0.5 * late))
-            if boxes_overlap(mine, Box(ox, oy, turned, other.length + _CLOSE, other.width + _CLOSE)):
-                return room - _STEP
+        x, y, heading = pose_at(site, own.route, own.s + steps * _STEP)
+        if boxes_overlap(Box(x, y, heading, me.length + _CLOSE, me.width + _CLOSE), theirs):
+            return (steps - 1) * _STEP
         steps += 1
     return np.inf
 
@@ -210,7 +261,7 @@ def _light(w: World, i: int, clock: float, site: NDArray[np.void]) -> tuple[floa
         return (room if late else np.inf), False
     if letter == RED and row.turn == _RIGHT and own.marks & TURNS_ON_RED and me.speed < 1.0 and room < _AT_LINE:
         return np.inf, True
-    must_now = room - me.speed < 0.5 * me.speed * me.speed / one.braking
+    must_now = room - me.speed < 0.5 * me.speed * me.speed / one.stopping
     if own.marks & STOPS == 0 and must_now and me.speed >= _STANDS:
         own.chooses = 1
         own.for_whom = NO_VEHICLE
@@ -291,19 +342,102 @@ def _critical_gap(w: World, i: int, j: int, kind: int, site: NDArray[np.void]) -
     return gap
 
 
-@kernel
-def look_as_driver(w: World, i: int, clock: float, site: NDArray[np.void]) -> None:
-    """Let the driver of slot i look around; `clock` is the time of the signals [s].
+@inlined_kernel
+def is_held(w: World, j: int, clock: float, site: NDArray[np.void]) -> bool:
+    """Does a light hold the vehicle in slot j, which can stop for it?"""
+    me, own = w.vehicles[j], w.agents[j]
+    row = site[0].route[own.route]
+    room = row.stop - own.s - 0.5 * me.length
+    if row.signal < 0 or room < -_PAST_LINE or own.cleared >= row.stop:
+        return False
+    letter = letter_at(site, own.route, clock)
+    if letter != RED and (letter != YELLOW or own.marks & STOPS == 0):
+        return False
+    turns = letter == RED and row.turn == _RIGHT and own.marks & TURNS_ON_RED and me.speed < 1.0 and room < _AT_LINE
+    return not turns and will_stop(me.speed, room)
 
-    A vehicle that is ahead on the same way is followed, by the IDM and no faster than is safe. In a zone that another
-    is in it is not driven. Where it must give way, it needs a gap: time until the other arrives, less its own until it
-    could wait before the zone. Zones without room to wait between them count as one. Once it has decided to go, it
-    brakes only for what comes into its way all the same.
+
+@inlined_kernel
+def stands_still(me: Any) -> bool:
+    """Does a vehicle stand, and not set off?"""
+    still: bool = me.speed < _STANDS and me.commanded < 0.05
+    return still
+
+
+@inlined_kernel
+def has_committed(w: World, j: int, begin: float) -> bool:
+    """Has the driver in slot j decided to go through a zone that begins at `begin` [m], and does it?"""
+    me, own = w.vehicles[j], w.agents[j]
+    goes = me.action == _GOES or (j == 0 and me.commanded > 0.0)
+    return own.cleared > begin and (me.speed >= _UNDER_WAY or goes)
+
+
+@kernel
+def _claim(w: World, j: int, to_zone: float, begin: float, first: bool, clock: float, site: NDArray[np.void]) -> int:
+    """Rank the claim of slot j on a zone, which it has `to_zone` [m] to: the higher one of two goes first.
+
+    Who is in it or cannot stop before it; then who has decided to go; then who has priority; last who has a red light.
+    Both compute it from the same state, so one of the two always keeps itself able to stop.
+    """
+    me, own = w.vehicles[j], w.agents[j]
+    if me.kind == PERSON:
+        if own.s > _LEFT_KERB:
+            return 7 if to_zone <= 0.0 else 3
+        if site[0].route[own.route].signal >= 0:
+            return 1 if walk_letter(site, own.route, clock) == GREEN else -3
+        return 1 if first else -3
+    if stops_within(me.speed, me.acceleration) > to_zone + 1e-6:
+        return 7 if to_zone <= 0.0 else 6
+    if is_held(w, j, clock, site):
+        return -2
+    claim = 2 if has_committed(w, j, begin) else 0
+    row = site[0].route[own.route]
+    if row.signal >= 0 and own.s + 0.5 * me.length < row.stop + _PAST_LINE and letter_at(site, own.route, clock) == RED:
+        return claim - 1
+    return claim + (1 if first and not stands_still(me) else 0)
+
+
+@kernel
+def goes_before(
+    w: World, i: int, j: int, zone: Any, to_zone: float, to_other: float, clock: float, site: NDArray[np.void]
+) -> bool:
+    """Does slot i go first through a zone, which it and slot j have `to_zone` and `to_other` [m] to?"""
+    mine = _claim(w, i, to_zone, zone.begin, zone.goes_first != 0 and zone.yields == 0, clock, site)
+    theirs = _claim(w, j, to_other, zone.other_begin, zone.yields != 0 and zone.goes_first == 0, clock, site)
+    if mine != theirs:
+        return mine > theirs
+    soon, then = to_zone / (w.vehicles[i].speed + 1.0), to_other / (w.vehicles[j].speed + 1.0)
+    return soon < then if soon != then else i < j
+
+
+@inlined_kernel
+def _surely_passes(w: World, j: int, to_other: float, leaves: float) -> bool:
+    """May slot i enter a zone that slot j can claim, and leaves it after `leaves` [s]?
+
+    Yes if slot j can stop before it after a second, whatever that one does; and before a person that is not there yet.
+    """
+    other = w.vehicles[j]
+    if other.kind == PERSON:
+        time = (to_other - _SPURTS) / max(other.desired_speed, other.speed)
+        return time >= _NEXT and leaves + _THROUGH < time
+    return held_then_stops_within(other.speed, other.acceleration, _STRONGEST) <= to_other
+
+
+@kernel
+def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np.void]) -> None:
+    """Let the driver of slot i look around.
+
+    A vehicle that is ahead on the same way is followed, by the IDM and no faster than is safe. Before a zone that
+    another claims first it stays able to stop. Where it must give way, it needs a gap: time until the other arrives,
+    less its own until it could wait before the zone. Zones without room to wait between them count as one. Once it has
+    decided to go, it brakes only for what comes into its way all the same. One that stands in the junction goes before
+    those that stand and do not set off.
 
     Args:
         w: The world; `current` lists all that are there.
         i: Slot of a vehicle.
         clock: Time of the programme of the signals [s].
+        fresh: All agents decide now; within a second only the AV does.
         site: The site.
     """
     one, v, agents = site[0], w.vehicles, w.agents
@@ -312,7 +446,7 @@ def look_as_driver(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
     wanted = max(0.5, me.desired_speed * speed_at(site, own.route, place + 0.5 * speed))
     strength = one.acceleration if me.kind == 0 else 0.6 * one.acceleration
     idm = IdmNumbers(strength, one.braking, one.standstill, one.headway * own.headway, wanted, _HARDEST)
-    free = free_acceleration(speed, idm) if speed <= wanted else max(-one.braking, wanted - speed)
+    free = free_acceleration(speed, idm) if speed <= wanted else max(-one.stopping, wanted - speed)
     own.chooses = 0
     own.goes = 1.0
     own.for_whom = NO_VEHICLE
@@ -323,11 +457,16 @@ def look_as_driver(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
         own.overlooks = NO_VEHICLE
     room, on_red = _light(w, i, clock, site)
     lit = room < np.inf
+    reach, waits_from, waits_to = np.inf, np.inf, np.inf
+    span = held_then_stops_within(speed, me.acceleration, _STRONGEST)
+    inside = place > one.route[own.route].stop
     nearest = np.inf
     until = 0.0
     for k in range(w.state[0].n_current):
         j = w.current[k]
         agents[j].ratio = np.inf
+        if i == 0 and fresh:
+            agents[j].lets_av = 0
         if j == i or own.overlooks == j or own.overlooks == ALL_OF_THEM:
             continue
         other = agents[j]
@@ -336,6 +475,7 @@ def look_as_driver(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
             if other.s > place or (other.s == place and j < i):
                 free = _follow(w, i, j, other.s - place - half, wanted, idm, free)
                 room = min(room, _kept_free(w, i, j, other.s, site))
+                reach = min(reach, other.s - half + v[j].speed * v[j].speed / (2.0 * _HARDEST))
             continue
         for meeting in range(MEETINGS):
             zone = one.zone[own.route, other.route, meeting]
@@ -347,24 +487,41 @@ def look_as_driver(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
             if other.s > zone.other_end + theirs or place > end:
                 continue
             to_zone = zone.begin - longer(me.length, False) - place
-            enters = _time_to(to_zone, speed, wanted, strength)
-            crossing = zone.other_end + theirs - other.s
-            if to_other <= 0.0:
+            if to_other <= 0.0 and zone.kind != CROSS:
                 there = mapped(zone, other.s)
-                if zone.kind != CROSS and (there > place or (there == place and j < i)):
-                    free = _follow(w, i, j, there - place - half, wanted, idm, free)
+                if to_zone >= 0.0 or there > place or (there == place and j < i):
+                    ahead = max(there - place - half, to_zone)
+                    free = _follow(w, i, j, ahead, wanted, idm, free)
                     room = min(room, _kept_free(w, i, j, there, site))
-                    continue
-                if zone.kind != CROSS and to_zone < 0.0:
-                    continue
-                if to_zone >= 0.0 and enters < crossing / max(v[j].speed, 0.3) + _MARGIN:
-                    own.most = min(own.most, _to_stop(speed, to_zone - _MARGIN, one.braking))
-            if to_zone < 0.0 and to_other <= _SOON * v[j].speed + _MARGIN:
-                waits = zone.goes_first == 0 and (zone.yields != 0 or j < i)
-                ahead = _room_along(w, i, j, strength if waits else 0.0, site)
-                if ahead < np.inf:
-                    own.most = min(own.most, _to_stop(speed, ahead - _CLOSE, one.braking))
-            if to_other <= 0.0 or to_zone < 0.0 or (zone.kind == DIVERGE or zone.kind == SHARED):
+                    reach = min(reach, place + ahead + v[j].speed * v[j].speed / (2.0 * _HARDEST))
+                continue
+            if zone.kind == DIVERGE or zone.kind == SHARED:
+                continue
+            if to_zone < 0.0:
+                if to_other <= 0.0:
+                    ahead = _room_along(w, i, j, site)
+                    if ahead < np.inf:
+                        _keep_room(w, i, ahead - _CLOSE)
+                continue
+            enters = _time_to(to_zone, speed, wanted, strength)
+            leaves = enters + (end - place - to_zone) / max(speed, 2.0)
+            crossing = zone.other_end + theirs - other.s
+            if span > to_zone - _EDGE:
+                first = goes_before(w, i, j, zone, to_zone, to_other, clock, site)
+                if i == 0 and fresh:
+                    other.lets_av |= first << meeting
+                elif i == 0:
+                    first = first and (other.lets_av >> meeting) & 1 != 0
+                if not first:
+                    if not _surely_passes(w, j, to_other, leaves):
+                        _keep_room(w, i, to_zone - _EDGE)
+                    elif v[j].kind == PERSON:
+                        waits_from, waits_to = min(waits_from, to_zone - _EDGE), min(waits_to, end)
+            if to_other <= 0.0:
+                if enters < crossing / max(v[j].speed, 0.3) + _MARGIN:
+                    own.most = min(own.most, _to_stop(speed, to_zone - _MARGIN, one.stopping))
+                continue
+            if speed < _UNDER_WAY and inside and v[j].kind != PERSON and stands_still(v[j]):
                 continue
             owes, arrival = _arrival(w, i, j, zone, to_other, clock, on_red, site)
             if owes == 0 and zone.yields == 0 and zone.goes_first == 0 and arrival < enters:
@@ -372,9 +529,8 @@ def look_as_driver(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
             if owes == 0 or arrival + (crossing - to_other) / max(v[j].speed, 1.0) + _MARGIN < enters:
                 continue
             if owes == 1 or (zone.begin < own.cleared and speed >= _UNDER_WAY):
-                leaves = enters + (end - place - to_zone) / max(speed, 2.0)
                 if arrival < leaves + _MARGIN and arrival < enters + 1.0:
-                    own.most = min(own.most, _to_stop(speed, to_zone - _MARGIN, one.braking))
+                    own.most = min(own.most, _to_stop(speed, to_zone - _MARGIN, one.stopping))
                 continue
             reaches = max(0.0, to_zone - 1.0) / max(speed, 3.0)
             ratio = (arrival - reaches) / _critical_gap(w, i, j, zone.kind, site)
@@ -384,10 +540,12 @@ def look_as_driver(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
             if ratio < _NO_DOUBT and zone.begin < nearest:
                 nearest = zone.begin
                 until = zone.until
+    if reach < waits_to:
+        _keep_room(w, i, waits_from)
     if nearest < np.inf and not lit:
         worst = _worst(w, i, until)
         left = nearest - longer(me.length, False) - place - _MARGIN
-        now = (speed < 1.0 and left < _AT_LINE) or left - speed < 0.5 * speed * speed / one.braking
+        now = (speed < 1.0 and left < _AT_LINE) or left - speed < 0.5 * speed * speed / one.stopping
         room = min(room, left)
         if now and 0.5 * speed * speed <= _HARDEST * max(left, 0.1):
             taken = sure(agents[worst].ratio, one.gap_error)
@@ -400,7 +558,7 @@ def look_as_driver(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
             own.until = until
             own.unseen = 1 if taken < misses else 0
     own.free = min(free, own.most)
-    own.stops = min(own.free, _to_stop(speed, room, one.braking)) if room < np.inf else own.free
+    own.stops = min(own.free, _to_stop(speed, room, one.stopping)) if room < np.inf else own.free
     if own.chooses == 0:
         own.free = own.stops
         if room < np.inf:

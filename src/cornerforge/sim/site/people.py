@@ -7,14 +7,24 @@ are speeds here. The laws are in docs/sites.md.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cornerforge._jit import kernel
-from cornerforge.sim.site.look import BLIND, LOOKED, OBEYS, room_before, sure, will_stop
+from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.sim.site.look import (
+    BLIND,
+    LOOKED,
+    OBEYS,
+    has_committed,
+    held_then_stops_within,
+    is_held,
+    room_before,
+    stops_within,
+    sure,
+)
 from cornerforge.sim.world import NO_VEHICLE
-from cornerforge.site.tables import CROSS, GREEN, RED, YELLOW, letter_at, longer, walk_letter
+from cornerforge.site.tables import GREEN, MEETINGS, NO_ZONE, RED, longer, walk_letter
 from cornerforge.types import PERSON
 
 if TYPE_CHECKING:
@@ -29,8 +39,10 @@ AT_KERB = 0.05
 _STANDS = 0.5
 _JUDGED = 0.2
 """Spread with which people judge the time until a vehicle comes."""
-_CAN_BRAKE = 6.0
-"""Twice the braking that a person trusts a driver to do a second later [m/s2]."""
+_STRONGEST = 2.0
+"""Strongest acceleration of a driver [m/s2]."""
+_SLOWS = 1.0
+"""A vehicle that passes before a person may become so much slower [m/s]."""
 _STOPS_WITHIN = 1.5
 """A person stops for a vehicle that stands in its way so far ahead [s]."""
 _BRAKES = 0.3
@@ -58,40 +70,38 @@ def look_as_walker(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
         if v[j].kind == PERSON:
             continue
         other = agents[j]
-        zone = one.zone[own.route, other.route, 0]
-        if zone.kind != CROSS:
-            continue
-        theirs = longer(v[j].length, False)
-        left = zone.other_end + theirs - other.s
-        if place > zone.end or left < 0.0:
-            continue
-        if row.signal < 0 and zone.goes_first:
-            goes_first = True
-        enters, leaves = (zone.begin - place) / wished, (zone.end - place) / wished
-        room = zone.other_begin - theirs - other.s
-        speed = v[j].speed
-        if place >= zone.begin and not waits:
-            blocked = blocked or (room <= 0.0 and room_before(w, i, j) < wished)
-            continue
-        arrival, ratio_from = 0.0, 0.0
-        if room <= 0.0:
-            if left / max(speed, 0.3) < enters:
+        for meeting in range(MEETINGS):
+            zone = one.zone[own.route, other.route, meeting]
+            if zone.kind == NO_ZONE:
+                break
+            theirs = longer(v[j].length, False)
+            left = zone.other_end + theirs - other.s
+            if place > zone.end or left < 0.0:
                 continue
-            blocked = blocked or (not waits and enters < _STOPS_WITHIN)
-        else:
-            if speed < _STANDS or _is_stopping(w, j, room, clock, site):
+            if row.signal < 0 and zone.goes_first:
+                goes_first = True
+            enters, leaves = max(zone.begin - place, 0.0) / wished, (zone.end - place) / wished
+            room = zone.other_begin - theirs - other.s
+            speed = v[j].speed
+            if place >= zone.begin and not waits:
+                blocked = blocked or (room <= 0.0 and room_before(w, i, j) < wished)
                 continue
-            arrival = _soonest(room, speed)
-            if left / speed < enters:
+            if left / max(speed - _SLOWS, 0.3) < enters:
                 continue
-            ratio_from = arrival - enters
-            if arrival < leaves + 0.5 and room < (speed + 1.5) * (1.2 + (speed + 1.5) / _CAN_BRAKE):
-                ratio_from = 0.0
-        gap = max(ratio_from, 0.0)
-        if gap < worst and arrival < leaves + 6.0:
-            worst = gap
-            threat = j
-            needed = 0.5 * speed * speed / max(room, 0.1)
+            gap, arrival = 0.0, 0.0
+            if room <= 0.0:
+                blocked = blocked or (not waits and enters < _STOPS_WITHIN)
+            else:
+                waits_too = goes_first and _may_wait(w, j, zone, room)
+                if is_held(w, j, clock, site) or (waits_too and _shows_it(w, j, room)):
+                    continue
+                arrival = _soonest(room, speed)
+                if waits_too or held_then_stops_within(speed, v[j].acceleration, _STRONGEST) <= room:
+                    gap = max(arrival - enters, 0.0)
+            if gap < worst and arrival < leaves + 6.0:
+                worst = gap
+                threat = j
+                needed = 0.5 * speed * speed / max(room, 0.1)
     own.chooses = 1
     own.free = wished
     own.stops = 0.0
@@ -131,15 +141,15 @@ def _soonest(room: float, speed: float) -> float:
     return math.sqrt(speed * speed + 2.0 * room) - speed
 
 
-@kernel
-def _is_stopping(w: World, j: int, room: float, clock: float, site: NDArray[np.void]) -> bool:
-    """Can a person tell that vehicle j will stop: it brakes enough, or has a red light and can?"""
-    row = site[0].route[w.agents[j].route]
-    speed = w.vehicles[j].speed
-    to_line = row.stop - w.agents[j].s - 0.5 * w.vehicles[j].length
-    if row.signal >= 0 and to_line > 0.0:
-        letter = letter_at(site, w.agents[j].route, clock)
-        if (letter == RED or letter == YELLOW) and will_stop(speed, to_line):
-            return True
-    braking = -w.vehicles[j].acceleration
-    return braking > _BRAKES and 0.5 * speed * speed / braking < room
+@inlined_kernel
+def _may_wait(w: World, j: int, zone: Any, room: float) -> bool:
+    """Can vehicle j still stop before a zone that it has `room` [m] to, and has not decided to go?"""
+    me = w.vehicles[j]
+    return not has_committed(w, j, zone.other_begin) and stops_within(me.speed, me.acceleration) <= room
+
+
+@inlined_kernel
+def _shows_it(w: World, j: int, room: float) -> bool:
+    """Can a person tell that vehicle j will stop: it stands, or brakes enough?"""
+    me = w.vehicles[j]
+    return me.speed < _STANDS or (me.acceleration < -_BRAKES and -0.5 * me.speed * me.speed / me.acceleration < room)

@@ -55,7 +55,7 @@ def look_around(w: World, i: int, site: NDArray[np.void]) -> None:
     if w.vehicles[i].kind == PERSON:
         look_as_walker(w, i, clock, site)
     else:
-        look_as_driver(w, i, clock, site)
+        look_as_driver(w, i, clock, True, site)
 
 
 @shared_kernel
