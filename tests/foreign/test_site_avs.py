@@ -233,7 +233,10 @@ def test_the_flaw_of_the_hasty_example_is_what_it_says(odd: Odd) -> None:
     first, open_later = answers["person on the path", 5.0], answers["person on the path", 6.0]
     assert first[1] < -1.0 < first[0]
     assert open_later[0] == open_later[1]
-    hidden, still = answers["person behind a truck that stands beside", 5.0], answers["person behind a truck that stands beside", 6.0]
+    hidden, still = (
+        answers["person behind a truck that stands beside", 5.0],
+        answers["person behind a truck that stands beside", 6.0],
+    )
     assert hidden[1] < 0.0 < hidden[0]
     assert still[0] == hidden[0]
 
@@ -258,7 +261,12 @@ def test_what_is_seen_is_what_is_there(odd: Odd) -> None:
                 break
             lockstep.see(batch, setting, s)
             seen, v = batch.views[0], batch.worlds.vehicles[0]
-            turn = np.array([[np.cos(v["heading"][0]), np.sin(v["heading"][0])], [-np.sin(v["heading"][0]), np.cos(v["heading"][0])]])
+            turn = np.array(
+                [
+                    [np.cos(v["heading"][0]), np.sin(v["heading"][0])],
+                    [-np.sin(v["heading"][0]), np.cos(v["heading"][0])],
+                ]
+            )
             route = odd.site.routes[int(batch.worlds.agents[0, 0]["route"])]
             own_s = float(batch.worlds.agents[0, 0]["s"])
             there = seen[22:][seen[22:, 0] >= 0]

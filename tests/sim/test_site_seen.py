@@ -48,8 +48,7 @@ def test_a_place_on_a_route_is_found_again() -> None:
 
 def test_one_that_sees_all_drives_as_one_that_perceives_perfectly() -> None:
     plain, wide = (
-        simulate(run.setting, run.slots, seed=SEED, tests=60)
-        for run in (run_at_site(), run_at_site("dropout=1e-12"))
+        simulate(run.setting, run.slots, seed=SEED, tests=60) for run in (run_at_site(), run_at_site("dropout=1e-12"))
     )
     blind = simulate(run_at_site("range=10").setting, run_at_site().slots, seed=SEED, tests=60)
     assert plain.digest.hexdigest() == wide.digest.hexdigest()

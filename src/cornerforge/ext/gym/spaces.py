@@ -9,9 +9,9 @@ from gymnasium import error, spaces
 from numpy.typing import NDArray
 
 from cornerforge._words import shown
+from cornerforge.adversary.worlds import agents
 from cornerforge.errors import InputError
 from cornerforge.foreign.networks import SIZES, answers_of_box, answers_of_index
-from cornerforge.adversary.worlds import agents
 from cornerforge.sim import av_scene, av_view, neighbours, observe
 from cornerforge.site.tables import MAX_PLACES
 from cornerforge.types import CLASSES, FIRST_ACCELERATION, HIGHEST_COMMAND, LOWEST_COMMAND, N_ACTIONS, Odd
