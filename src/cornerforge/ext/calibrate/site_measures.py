@@ -125,7 +125,13 @@ class _Seen:
         """Light of people on a crosswalk: 2 walk, 1 flashing, 0 don't walk; -1 without one."""
         now = self.light(route, time)
         needed = self.site.routes[route].length / _SLOW_WALK - _CHANGE_TIME
-        return 1 if now == 2 and needed > 0.0 and self.light(route, time + needed) < 2 else now // 2 * 2 if now > 0 else now
+        return (
+            1
+            if now == 2 and needed > 0.0 and self.light(route, time + needed) < 2
+            else now // 2 * 2
+            if now > 0
+            else now
+        )
 
 
 def measures(scenarios: Iterable[Scenario], zones: NDArray[np.void]) -> Measured:
@@ -311,7 +317,12 @@ def crash_kinds(scenario: Scenario) -> list[str]:
                 and np.hypot(scenario.x[frame, a] - scenario.x[frame, b], scenario.y[frame, a] - scenario.y[frame, b]) < _TOUCH
             ]  # fmt: skip
             if near:
-                b = min(near, key=lambda b, a=a: np.hypot(*(scenario.x[frame, [a, b]] @ [1, -1], scenario.y[frame, [a, b]] @ [1, -1])))  # type: ignore[misc]
+                b = min(
+                    near,
+                    key=lambda b, a=a: np.hypot(
+                        *(scenario.x[frame, [a, b]] @ [1, -1], scenario.y[frame, [a, b]] @ [1, -1])
+                    ),
+                )  # type: ignore[misc]
                 taken |= {a, b}
                 found.append(_kind(scenario, frame, int(a), int(b)))
     return found
@@ -323,7 +334,9 @@ def _kind(scenario: Scenario, frame: int, a: int, b: int) -> str:
     turns = [site.routes[scenario.target_lane[frame, k]].turn for k in (a, b)]
     for person, vehicle in ((a, 1), (b, 0)):
         if scenario.kind[person] == PERSON:
-            return f"pedestrian, {turns[vehicle]} turn" if turns[vehicle] in ("left", "right") else "pedestrian, straight"
+            return (
+                f"pedestrian, {turns[vehicle]} turn" if turns[vehicle] in ("left", "right") else "pedestrian, straight"
+            )
     heading = scenario.heading[frame]
     apart = abs((heading[a] - heading[b] + np.pi) % (2.0 * np.pi) - np.pi)
     if apart < np.pi / 6.0:

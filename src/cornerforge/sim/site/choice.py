@@ -40,6 +40,8 @@ _HALF = NOISE_CELLS // 2
 _HARDEST = float(ACCELERATIONS[0])
 _HALF_STEP = 0.5 * ACCELERATION_STEP
 _STANDS = 0.05
+_CALM = 0.5
+"""A driver that should lower its acceleration by more than this does not begin to look away [m/s2]."""
 
 
 @inlined_kernel
@@ -100,11 +102,20 @@ def natural_choice(w: World, i: int, site: NDArray[np.void], p: NDArray[np.float
 
 @inlined_kernel
 def away_chance(w: World, i: int, site: NDArray[np.void]) -> float:
-    """Compute P(the driver of slot i looks away in this second)."""
-    if w.vehicles[i].kind == PERSON:
+    """Compute P(the driver of slot i looks away in this second).
+
+    None begins where it has to choose, or to brake harder than it does: drivers look away while little happens ahead.
+    """
+    me, own = w.vehicles[i], w.agents[i]
+    if me.kind == PERSON:
         return 0.0
-    chance: float = 1.0 - site[0].looks_back if w.vehicles[i].away else site[0].looks_away
-    return chance
+    if me.away:
+        goes_on: float = 1.0 - site[0].looks_back
+        return goes_on
+    if own.chooses or own.free < me.commanded - _CALM:
+        return 0.0
+    begins: float = site[0].looks_away
+    return begins
 
 
 @inlined_kernel
