@@ -1,7 +1,7 @@
 """Natural choices at a site: the probability of each of the 33 actions, the draw, and how an action begins.
 
 Actions of a driver: give way, go, and 31 accelerations. Where it has to choose (`look`), it does one of the first two;
-else an acceleration about its law's. A driver that looks away goes on with what it does. Actions of a person: wait, go
+else an acceleration about its law's. A driver that looks away does not accelerate, and brakes no harder. Actions of a person: wait, go
 on at the own speed, and four speeds.
 """
 
@@ -79,6 +79,12 @@ def _add_law(w: World, i: int, site: NDArray[np.void], p: NDArray[np.float64]) -
             p[_about(centre, k, most)] += site[0].noise_shares[k]
 
 
+@inlined_kernel
+def _unseeing(w: World, i: int) -> int:
+    """Find the action of a driver that looks away: it brakes on as it does, or keeps its speed."""
+    return nearest_action(min(w.vehicles[i].commanded, 0.0))
+
+
 @kernel
 def natural_choice(w: World, i: int, site: NDArray[np.void], p: NDArray[np.float64]) -> None:
     """Compute P(action) of the agent in slot i, which has looked around, float64 (33,); the sum is 1."""
@@ -97,7 +103,7 @@ def natural_choice(w: World, i: int, site: NDArray[np.void], p: NDArray[np.float
     if away > 0.0:
         for a in range(N_ACTIONS):
             p[a] *= 1.0 - away
-        p[nearest_action(w.vehicles[i].commanded)] += away
+        p[_unseeing(w, i)] += away
 
 
 @inlined_kernel
@@ -131,7 +137,7 @@ def draw_action(w: World, i: int, word: uint64, away_word: uint64, site: NDArray
     away = uniform(away_word) < away_chance(w, i, site)
     w.vehicles[i].away = 1 if away else 0
     if away:
-        return nearest_action(w.vehicles[i].commanded)
+        return _unseeing(w, i)
     if own.chooses:
         return GOES if draw < own.goes else GIVES_WAY
     centre, most = _law(w, i)
