@@ -366,7 +366,7 @@ class Scenario:
         excess: -ln P of the critical BV's action minus its expected value, the entropy of what a natural driver does
             [nats], shape (K,); +inf, 0 and None as of `shortfall`.
         signals_s: Time of a site's signals at the first frame [s]; None: as the test's name draws it, and on a road
-            (`site.signals.clock_of`).
+            (`site.signals.clock_in`).
         hidden: Seconds in which an adversary made the AV lose the critical BV: bit k is 1 for second k.
     """
 

@@ -1,4 +1,4 @@
-"""Cases at a site in files of other tools: places, lanes and lights are the recording's; what is not said is refused."""
+"""Cases at a site in files of other tools: places, lanes and lights are the recording's; the rest is refused."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from cornerforge.ext.interchange.tables import read_table, write_table
 from cornerforge.ext.interchange.write_osi import write_osi
 from cornerforge.library.out_case import OutCase
 from cornerforge.site.network import SITE_FILES
-from cornerforge.site.signals import clock_of, letters_over
+from cornerforge.site.signals import clock_in, letters_over
 from cornerforge.types import FRAME_S, PERSON
 from cornerforge.world_options import WorldOptions
 
@@ -129,7 +129,7 @@ def test_a_trace_holds_people_lanes_and_lights(case: OutCase, tmp_path: Path) ->
     assert not frames[1].lane
     colours = {"r": 2, "y": 3, "g": 4, "G": 4}
     for frame, message in enumerate(frames):
-        time = np.array([clock_of(scenario) + FRAME_S * frame])
+        time = np.array([clock_in(scenario) + FRAME_S * frame])
         for light in message.traffic_light:
             k = light.id.value - 20_000
             letter = str(letters_over(site, k, time)[0])
@@ -168,7 +168,7 @@ def test_commonroad_holds_lanelets_lights_and_people(case: OutCase, tmp_path: Pa
         stop = root.find(f"lanelet[@id='{10_000 + n}']/stopLine")
         assert stop is not None
         shown = {told(lights[ref.get("ref")], len(scenario.x)) for ref in stop.findall("trafficLightRef")}
-        times = clock_of(scenario) + FRAME_S * np.arange(len(scenario.x))
+        times = clock_in(scenario) + FRAME_S * np.arange(len(scenario.x))
         for k in lane.routes:
             letters = letters_over(site, k, times + 0.5 * FRAME_S)
             colours = ["red" if x == "r" else "yellow" if x == "y" else "green" for x in letters.tolist()]
@@ -215,7 +215,7 @@ def test_a_trace_at_a_junction_is_not_read_as_a_road(case: OutCase, tmp_path: Pa
 
 @pytest.mark.parametrize("to", sorted(EXPORTS))
 def test_formats_without_junctions_are_refused_by_name(case: OutCase, to: str) -> None:
-    if to in ("commonroad", "csv", "mcap", "osi", "parquet"):
+    if to in ("commonroad", "csv", "json", "mcap", "osi", "parquet"):
         _check_site(case.scenario.odd.site, to)
         return
     with pytest.raises(InputError, match=f"{to} is written with lanes beside each other.*junction"):

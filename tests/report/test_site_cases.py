@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
+from html import unescape
+from pathlib import Path
 
 import numpy as np
 import pytest
+from html_page import browse, needs_browser
 
 from cornerforge.experiment.setting import experiment
+from cornerforge.ext.pictures.player import player
 from cornerforge.ext.pictures.road_view import PRINT, SCREEN, RoadView
 from cornerforge.ext.pictures.strip import strip_figure
 from cornerforge.geometry import Box, boxes_overlap
@@ -17,7 +22,7 @@ from cornerforge.report.cases import case_data
 from cornerforge.report.moments import Moments, apart
 from cornerforge.report.site_surface import changes_of, site_surface
 from cornerforge.site.network import SITE_FILES, Site
-from cornerforge.site.signals import clock_of, letters_over
+from cornerforge.site.signals import clock_in, letters_over
 from cornerforge.site.tables import letter_at, site_numbers, walk_letter
 from cornerforge.types import FRAME_S, PERSON, Scenario
 from cornerforge.world_options import WorldOptions
@@ -105,12 +110,12 @@ def test_lights_show_what_drivers_and_people_see(site: Site) -> None:
 
 def test_the_clock_of_the_signals_follows_from_the_tests_name(drives: list[Scenario], site: Site) -> None:
     cycle = sum(phase.seconds for phase in site.programme)
-    clocks = {clock_of(replace(one, signals_s=None)) for one in drives}
+    clocks = {clock_in(replace(one, signals_s=None)) for one in drives}
     assert len(clocks) == len(drives)
     for one in drives:
-        assert one.signals_s == clock_of(replace(one, signals_s=None))
-        assert 0.0 <= clock_of(one) < cycle
-    assert clock_of(replace(drives[0], signals_s=7.5)) == 7.5
+        assert one.signals_s == clock_in(replace(one, signals_s=None))
+        assert 0.0 <= clock_in(one) < cycle
+    assert clock_in(replace(drives[0], signals_s=7.5)) == 7.5
 
 
 def test_a_page_shows_vehicles_on_the_map(drives: list[Scenario]) -> None:
@@ -182,3 +187,41 @@ def test_a_picture_stands_still_where_the_two_meet(drives: list[Scenario], look:
     np.testing.assert_allclose(view._lines.get_segments()[0], late[0])
     assert len(view._bodies.get_paths()) > 1
     assert len(strip_figure(drives[-1], [1.0, 0.0], width=3.5).axes) == 2
+
+
+COUNTS = """
+setTimeout(() => {
+  const canvas = document.getElementById("look-road");
+  const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+  const wanted = {red: [255, 59, 48], amber: [255, 191, 0], green: [46, 204, 113]};
+  for (const [name, [r, g, b]] of Object.entries(wanted)) {
+    let n = 0;
+    for (let i = 0; i < pixels.length; i += 4) n += pixels[i] === r && pixels[i + 1] === g && pixels[i + 2] === b;
+    document.body.dataset[name] = n;
+  }
+}, 1000);
+"""
+
+
+@needs_browser
+def test_a_browser_draws_the_lights_of_the_moment(drives: list[Scenario], tmp_path: Path) -> None:
+    """A colour that no light shows is not there, the others are."""
+    crash = drives[-1]
+    site = crash.odd.site
+    assert site is not None
+    cycle = sum(phase.seconds for phase in site.programme)
+    last = FRAME_S * (len(crash.x) - 1)
+    found = set[str]()
+    for clock in (2.0, 12.0, 18.2, 31.0):  # of which one is all red
+        shown = replace(crash, signals_s=(clock + 0.5 - last) % cycle)
+        letters = {str(letters_over(site, k, np.array([clock + 0.5]))[0]) for k in range(len(site.routes))}
+        (frame,) = re.findall(r'srcdoc="(.*?)"', player("0:7", shown), re.DOTALL)
+        text = re.sub(r"<meta http-equiv[^>]*>", "", unescape(frame))
+        (tmp_path / "page.html").write_text(text + f"<script>{COUNTS}</script>", encoding="utf-8")
+        html = browse((tmp_path / "page.html").as_uri(), tmp_path / f"profile-{clock:g}")
+        counts = {name: int(n) for name, n in re.findall(r'data-(red|amber|green)="(\d+)"', html)}
+        colours = {"r": "red", "y": "amber", "g": "green", "G": "green"}
+        seen = {name for name, n in counts.items() if n > 50}
+        assert seen <= {colours[letter] for letter in letters}, clock
+        found |= seen
+    assert found == {"red", "amber", "green"}, "not every light is in the picture each time"

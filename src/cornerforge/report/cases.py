@@ -20,8 +20,8 @@ from cornerforge.report.surface import surface_of
 from cornerforge.road.straight import along
 from cornerforge.sim import perceived
 from cornerforge.site.network import Site
-from cornerforge.site.signals import clock_of
-from cornerforge.types import ACTIONS, CLASSES, FRAME_S, Scenario
+from cornerforge.site.signals import clock_in
+from cornerforge.types import ACTIONS, CLASSES, FRAME_S, PERSON, Scenario
 
 __all__ = ["BEFORE_S", "case_data", "first_shown", "ghost", "load_scenarios", "unseen_s"]
 
@@ -29,6 +29,9 @@ SIGHT_M = 110.0
 """Vehicles are kept while they are this near to the AV along the road [m]; the widest view shows 100 m each way."""
 BEFORE_S = 3.0
 """What an AV saw this long before a contact [s] is told in words."""
+_DRIVING = ("gives way", "goes")
+_WALKING = ("waits", "goes", "walks at 0.8 m/s", "walks at 1.3 m/s", "walks at 2.0 m/s", "runs at 3.0 m/s")
+"""Names of the first actions of drivers and people at a site (docs/adr/0084-traffic-at-sites.md)."""
 SHOWN_S = 30.0
 """Longest part of a test that is kept, counted back from its end [s]."""
 
@@ -134,7 +137,7 @@ def _surface(scenario: Scenario) -> dict[str, Any]:
 def _site(scenario: Scenario, site: Site, first: int) -> dict[str, Any]:
     """Make what `case_data` says of a site; lights of frames before the first one shown are left out."""
     found, start = site_surface(site), np.array([scenario.x[0, 0], 0.0])
-    clock = clock_of(scenario) + first * FRAME_S
+    clock = clock_in(scenario) + first * FRAME_S
     changes = changes_of(site, clock, len(scenario.x) - first, FRAME_S)
 
     def flat(points: NDArray[np.float64]) -> list[float | None]:
@@ -230,7 +233,13 @@ def _action(scenario: Scenario, k: int) -> str:
     """Say what the critical BV decided."""
     column = int(scenario.critical_bv[k])
     index = int(scenario.action[k, column]) if column >= 0 else -1
-    return ACTIONS[index].name if index >= 0 else ""
+    if index < 0:
+        return ""
+    if scenario.odd.site is None:
+        return ACTIONS[index].name
+    if scenario.kind[column] == PERSON:
+        return _WALKING[index] if index < len(_WALKING) else ""
+    return _DRIVING[index] if index < len(_DRIVING) else ACTIONS[index].name
 
 
 def _probability(scenario: Scenario, k: int) -> float | None:

@@ -15,7 +15,7 @@ from cornerforge.site.tables import CHANGE_TIME, SLOW_WALK
 if TYPE_CHECKING:
     from cornerforge.types import Scenario
 
-__all__ = ["clock_of", "first_clock", "letters_over"]
+__all__ = ["clock_in", "clock_of", "first_clock", "letters_over"]
 
 
 @inlined_kernel
@@ -24,12 +24,19 @@ def first_clock(cycle: float, seed: int, test: int) -> float:
     return cycle * uniform(block(seed, test, 0, 0, PURPOSE_INITIAL)[2])
 
 
-def clock_of(scenario: Scenario) -> float:
-    """Say at which time of their programme signals are at the first frame of a recording [s]; 0 without any."""
-    if scenario.signals_s is not None:
-        return scenario.signals_s
-    programme = () if scenario.odd.site is None else scenario.odd.site.programme
-    return float(first_clock(sum(phase.seconds for phase in programme), scenario.seed, scenario.test))
+def clock_of(site: Site, seed: int, test: int) -> float:
+    """Compute at which time of its programme a site's signals are when a test begins [s]; 0 without signals."""
+    return float(first_clock(sum(phase.seconds for phase in site.programme), seed, test))
+
+
+def clock_in(scenario: Scenario) -> float:
+    """Say at which time of their programme signals are at the first frame of a recording at a site [s]; 0 without any.
+
+    A script that starts later than its test did says so itself.
+    """
+    if scenario.signals_s is not None or scenario.odd.site is None:
+        return scenario.signals_s or 0.0
+    return clock_of(scenario.odd.site, scenario.seed, scenario.test)
 
 
 def letters_over(site: Site, route: int, times: NDArray[np.float64]) -> NDArray[np.str_]:

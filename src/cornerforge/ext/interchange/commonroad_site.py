@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cornerforge.ext.interchange.site_lanes import SiteLane, lanes_at
 from cornerforge.site.network import Site
-from cornerforge.site.signals import clock_of, letters_over
+from cornerforge.site.signals import clock_in, letters_over
 from cornerforge.types import FRAME_S, Scenario
 
 __all__ = ["SiteInCommonRoad", "site_in_commonroad"]
@@ -37,7 +37,7 @@ class SiteInCommonRoad(NamedTuple):
 def site_in_commonroad(scenario: Scenario, site: Site) -> SiteInCommonRoad:
     """Write a site; step 0 is the first frame of the recording."""
     lanes = lanes_at(site)
-    clock = clock_of(scenario)
+    clock = clock_in(scenario)
     lights = {(n, signal): _LIGHT + i for i, (n, signal) in enumerate(
         (n, signal) for n, lane in enumerate(lanes) if lane.part in ("approach", "walk")
         for signal in sorted({site.routes[k].signal for k in lane.routes} - {-1})

@@ -130,7 +130,7 @@ _NEEDS = {
 """Module that a format needs, its package, and the extra that installs it."""
 _HOLD_ROADS = frozenset({"json", "mcap", "openscenario", "osi"})
 """Formats that hold roads with curves, and with lanes that begin and end."""
-_HOLD_SITES = frozenset({"commonroad", "csv", "mcap", "osi", "parquet"})
+_HOLD_SITES = frozenset({"commonroad", "csv", "json", "mcap", "osi", "parquet"})
 """Formats that hold cases at a junction."""
 _MODES = {"openscenario": ("recorded", "controller", "relative"), "commonroad": ("recorded", "controller")}
 _ENDINGS = {"csv": "csv", "parquet": "parquet", "rerun": "rrd", "json": "json"}

@@ -74,7 +74,8 @@ def _road(site: Site, lanes: list[SiteLane], n: int, walks: list[SiteLane]) -> s
         f'junction="{_JUNCTION if is_inner else -1}">\n<link>{links}</link>\n'
         f'<type s="0" type="town"><speed max="{lane.limit:g}" unit="m/s"/></type>\n<planView>\n{geometry}</planView>\n'
         f'<lanes><laneOffset s="0" a="{0.5 * wide:.6f}" b="{0.5 * grows:.9f}" c="0" d="0"/><laneSection s="0">'
-        '<center><lane id="0" type="none" level="false"><roadMark sOffset="0" type="none" color="standard"/></lane></center>'
+        '<center><lane id="0" type="none" level="false"><roadMark sOffset="0" type="none" color="standard"/></lane>'
+        "</center>"
         f'<right><lane id="-1" type="driving" level="false"><link>{of_lane}</link>'
         f'<width sOffset="0" a="{wide:.6f}" b="{grows:.9f}" c="0" d="0"/><roadMark sOffset="0" '
         f'type="{"none" if is_inner else "solid"}" color="white" width="0.12"/></lane></right></laneSection></lanes>\n'
@@ -141,8 +142,9 @@ def _signals(site: Site, n: int, lane: SiteLane, length: float) -> str:
     if lane.part != "approach":
         return ""
     held = sorted({site.routes[k].signal for k in lane.routes} - {-1})
+    aside = -0.5 * lane.widths[1] - 0.5
     told = [
-        f'<signal s="{length:.6f}" t="{-0.5 * lane.widths[1] - 0.5:.3f}" id="{100 * n + signal}" name="signal {signal}" '
+        f'<signal s="{length:.6f}" t="{aside:.3f}" id="{100 * n + signal}" name="signal {signal}" '
         'dynamic="yes" orientation="+" zOffset="3" country="OpenDRIVE" type="1000001" subtype="-1" value="-1"/>\n'
         for signal in held
     ]

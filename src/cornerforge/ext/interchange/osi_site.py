@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cornerforge.ext.interchange.site_lanes import SiteLane, lanes_at
 from cornerforge.site.network import Site
-from cornerforge.site.signals import clock_of, letters_over
+from cornerforge.site.signals import clock_in, letters_over
 from cornerforge.types import FRAME_S, Scenario
 
 __all__ = ["SiteInOsi", "add_site", "site_in_osi"]
@@ -42,7 +42,7 @@ class SiteInOsi(NamedTuple):
 
 def site_in_osi(scenario: Scenario, site: Site) -> SiteInOsi:
     """Prepare what `add_site` writes."""
-    times = clock_of(scenario) + FRAME_S * np.arange(len(scenario.x))
+    times = clock_in(scenario) + FRAME_S * np.arange(len(scenario.x))
     letters = np.stack([letters_over(site, k, times) for k in range(len(site.routes))], axis=1)
     return SiteInOsi(site, letters, lanes_at(site))
 

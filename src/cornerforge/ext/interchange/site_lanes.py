@@ -74,10 +74,21 @@ def lanes_at(site: Site) -> list[SiteLane]:
         walk = SiteLane("walk", route.line, headings_of(route.line), (route.width,) * 2, route.limits[0], [k])
         _shared(lanes, walk)
     for lane in lanes:
-        if lane.part == "inner":  # it leads from the width of one to that of the other
-            sides = (lanes[found[0]].widths[0] if found else lane.widths[0] for found in (lane.before, lane.behind))
-            lane.widths = (next(sides), next(sides))
+        if lane.part == "inner":
+            _join(lane, lanes)
     return lanes
+
+
+def _join(lane: SiteLane, lanes: list[SiteLane]) -> None:
+    """Let an inner lane begin and end as its neighbours do: routes of one lane differ there by some centimetres."""
+    widths = [*lane.widths]
+    for end, other, found in ((0, -1, lane.before), (-1, 0, lane.behind)):
+        for beside in (lanes[n] for n in found[:1]):
+            turns = np.rint((lane.headings[end] - beside.headings[other]) / (2.0 * np.pi))
+            lane.line[end] = beside.line[other]
+            lane.headings[end] = beside.headings[other] + 2.0 * np.pi * turns
+            widths[end] = beside.widths[other]
+    lane.widths = (widths[0], widths[1])
 
 
 def within_a_turn(heading: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -132,8 +132,8 @@ def _columns_of(scenario: Scenario) -> dict[str, list[Any]]:
     series: tuple[NDArray[Any], ...] = (
         frame, np.round(FRAME_S * frame, 1), scenario.slot[vehicle], scenario.kind[vehicle],
         scenario.length[vehicle], scenario.width[vehicle], scenario.x[frame, vehicle], scenario.y[frame, vehicle],
-        scenario.speed[frame, vehicle], within_a_turn(scenario.heading[frame, vehicle]), scenario.acceleration[frame, vehicle],
-        scenario.target_lane[frame, vehicle],
+        scenario.speed[frame, vehicle], within_a_turn(scenario.heading[frame, vehicle]),
+        scenario.acceleration[frame, vehicle], scenario.target_lane[frame, vehicle],
     )  # fmt: skip
     columns = {column.name: values.tolist() for column, values in zip(COLUMNS, series, strict=True)}
     columns["class"] = [classes[kind] for kind in columns["class"]]

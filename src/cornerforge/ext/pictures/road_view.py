@@ -17,7 +17,7 @@ from cornerforge.report.moments import Moment, Moments, overlap_of
 from cornerforge.report.site_surface import BAR, changes_of, site_surface
 from cornerforge.report.surface import MARKS, outline, strokes, surface_of
 from cornerforge.site.network import Site
-from cornerforge.site.signals import clock_of
+from cornerforge.site.signals import clock_in
 from cornerforge.types import FRAME_S, PERSON, TRUCK, Odd, Scenario
 
 __all__ = ["PRINT", "SCREEN", "Look", "RoadView", "across", "draw_moment", "name_of"]
@@ -314,7 +314,7 @@ class _SiteLines:
         found = site_surface(site)
         self._start = np.array([scenario.x[0, 0], 0.0])
         self._lanes, self._lights = found.lanes, found.lights
-        clock = clock_of(scenario)
+        clock = clock_in(scenario)
         self._changes = changes_of(site, clock, len(scenario.x), FRAME_S)
         bars = [np.stack([bar[[0, 3]].mean(axis=0), bar[1:3].mean(axis=0)]) for bar in found.bars]
         self._painted = [

@@ -1035,8 +1035,8 @@
         data.push({ ...series(item, item.wayOut), mode: "lines", name: "on its last way out", line: { color: "css:way-out", width: 2, dash: "dot" } });
       }
       data.push({ ...series(item, partner), name: `speed of BV ${partner.slot}`, line: { color: "css:partner", width: 2.5, dash: "dash" } });
-      const x = item.ttc.map((_, i) => secondsAt(item, i));
-      data.push({ x, y: item.ttc, yaxis: "y2", name: "time to collision in the lane", line: { color: "css:ink", width: 2.5 } });
+      const x = item.ttcPlane.map((_, i) => secondsAt(item, i));
+      if (item.ttc.length > 0) data.push({ x, y: item.ttc, yaxis: "y2", name: "time to collision in the lane", line: { color: "css:ink", width: 2.5 } });
       data.push({ x, y: item.ttcPlane, yaxis: "y2", name: "in the plane", line: { color: "css:plane", width: 2, dash: "dot" } });
     }
     const upright = { type: "line", yref: "paper", y0: 0, y1: 1 };
