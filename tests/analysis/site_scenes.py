@@ -11,7 +11,7 @@ from cornerforge.experiment.sites import odd_at, site_named
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.road.straight import road_numbers
 from cornerforge.site.laws import Demand, Laws
-from cornerforge.site.signals import first_clock
+from cornerforge.site.signals import clock_of
 from cornerforge.site.tables import pose_at
 from cornerforge.types import CAR, CLASSES, FRAME_S, PERSON, Crash, Odd, Scenario
 
@@ -40,11 +40,7 @@ def steady(route: int, at: float, when: float, speed: float, kind: int = CAR) ->
 def name_at(odd: Odd, clock: float) -> int:
     """A number of a test at which begin the signals are within 0.5 s of a time of their programme."""
     assert odd.site is not None
-    return next(
-        n
-        for n in range(5000)
-        if abs(first_clock(sum(phase.seconds for phase in odd.site.programme), 0, n) - clock) < 0.5
-    )
+    return next(n for n in range(5000) if abs(clock_of(odd.site, 0, n) - clock) < 0.5)
 
 
 def scene(odd: Odd, agents: Sequence[Agent], test: int = 0) -> Scenario:

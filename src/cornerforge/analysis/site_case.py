@@ -26,7 +26,7 @@ from cornerforge.counterfactual import places_along, rooms_to
 from cornerforge.recordings import Recordings, recordings_of
 from cornerforge.road.straight import RoadNumbers, road_numbers
 from cornerforge.site.network import TURNS, Route, Site
-from cornerforge.site.signals import clock_of, first_clock
+from cornerforge.site.signals import clock_in, clock_of
 from cornerforge.site.tables import (
     CROSS,
     MEETINGS,
@@ -239,7 +239,7 @@ def case_of(scenario: Scenario) -> SiteCase:
     Raises:
         InputError: There is no crash of the AV, or the recording does not hold its contact.
     """
-    return site_case(recordings_of(scenario), scenario.odd, clock_of(scenario))
+    return site_case(recordings_of(scenario), scenario.odd, clock_in(scenario))
 
 
 def site_case(recordings: Recordings, odd: Odd, clock: float | None = None) -> SiteCase:
@@ -259,7 +259,8 @@ def site_case(recordings: Recordings, odd: Odd, clock: float | None = None) -> S
     there = present.argmax(axis=0)
     route = np.maximum(lanes[there, np.arange(n)], 0).astype(np.int64)
     if clock is None:
-        clock = float(first_clock(road.site[0]["cycle"], int(recordings.seed[0]), int(recordings.test[0])))
+        assert odd.site is not None  # callers have asked
+        clock = clock_of(odd.site, int(recordings.seed[0]), int(recordings.test[0]))
     x, y = series("x"), series("y")
     s = np.empty((last + 1, n))
     for j in range(n):
