@@ -9,5 +9,5 @@ from __future__ import annotations
 
 __all__: list[str] = []
 
-MODULES = ("av_file", "counting", "experiments", "forecast", "output", "policy_file", "roads", "setting")
+MODULES = ("av_file", "counting", "experiments", "forecast", "output", "policy_file", "roads", "setting", "sites")
 """Modules from which other rooms import too."""
