@@ -2,7 +2,8 @@
 
 `setting.experiment` makes an `experiments.Experiment` of names and files; `counting` drives and counts its tests,
 `forecast` says how long that takes. `av_file` and `policy_file` are the files of networks; `output` says what may be
-written where, and writes files whole; `roads` finds roads by name or file.
+written where, and writes files whole; `roads` and `sites` find roads and junctions by name or
+file.
 """
 
 from __future__ import annotations
