@@ -68,7 +68,7 @@ class MyAv:
         stop = np.where(conflict.any(axis=1), s - front[:, None] - ASIDE, np.inf).min(axis=1)
         return np.minimum(command, follow(speed, stop + STANDSTILL - 1.0))
 
-    def heeded(self, agents, time):
+    def heeded(self, agents, time):  # noqa: ARG002 - MyHastyAv asks for it
         """Which agents it heeds, (B, N)."""
         return agents.there
 
@@ -77,7 +77,7 @@ class MyHastyAv(MyAv):
     """The same with a flaw: its camera does not see through vehicles, and its tracker believes in a person only after a
     second in sight. It overlooks people who come out from behind a stopped truck."""
 
-    def reset(self, worlds, seeds):
+    def reset(self, worlds, seeds):  # noqa: ARG002 - a seed for AVs that draw
         self.since[worlds] = np.inf
 
     def setup(self, context):
@@ -101,7 +101,8 @@ class MyHastyAv(MyAv):
         at = (-ox * cosine - oy * sine, ox * sine - oy * cosine)
         way = (x * cosine + y * sine, y * cosine - x * sine)
         enters, leaves = np.zeros(x.shape), np.ones(x.shape)
-        for start, go, half in zip(at, way, (0.5 * agents.length[:, None], 0.5 * agents.width[:, None])):
+        halves = 0.5 * agents.length[:, None], 0.5 * agents.width[:, None]
+        for start, go, half in zip(at, way, halves):  # noqa: B905
             go = np.where(np.abs(go) < 1e-9, 1e-9, go)
             one, other = (-half - start) / go, (half - start) / go
             enters, leaves = np.maximum(enters, np.minimum(one, other)), np.minimum(leaves, np.maximum(one, other))

@@ -55,6 +55,7 @@ OUTPUTS = {
     "site check SITE --out": (FILE, ".json"),
     "site show SITE --out": (FILE, ".svg"),
     "site fit --data URBAN --out": (FILE, ".json"),
+    "site validate mcity-signal --data URBAN --recordings 1 --tests 1 --out": (FILE, ".json"),
     "init my-av --out": (FILE, ".json"),
     "serve LIB --port 0 --out": (FILE, ".json"),
     "avs --out": (FILE, ".json"),

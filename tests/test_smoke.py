@@ -78,6 +78,7 @@ ELSEWHERE = {
     "check-av": "tests/foreign",
     "road import": "tests/interchange/test_road_import.py",
     "site fit": "tests/calibrate/test_site_fit.py",
+    "site validate": "tests/sim/test_site_validate.py",
     **dict.fromkeys(("site import", "site check", "site show"), "tests/interchange/test_sites.py"),
 }
 """Verbs that take long or need processes, and where they are tested."""

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from cornerforge.ext.calibrate.naturalistic import ndd_fit, ndd_import
     from cornerforge.ext.calibrate.show import ndd_show
     from cornerforge.ext.calibrate.site_fit import site_fit
+    from cornerforge.ext.calibrate.site_validating import site_validate
     from cornerforge.ext.calibrate.validating import ndd_validate
     from cornerforge.ext.explorer.serve import serve
     from cornerforge.ext.interchange.export import export
@@ -50,7 +51,7 @@ __all__ = [
     "generate", "import_cases", "init", "make_report", "migrate", "ndd_fit", "ndd_import", "ndd_show", "ndd_validate",
     "plausibility", "query", "r157", "rate", "read_case_file", "replay", "reproduce", "retest", "road_check",
     "road_import", "road_show", "run", "serve", "shrink", "simulate", "site_check", "site_fit", "site_import",
-    "site_show", "suite_build", "suite_run", "train", "train_av", "variety", "verify", "write_case_file",
+    "site_show", "site_validate", "suite_build", "suite_run", "train", "train_av", "variety", "verify", "write_case_file",
 ]  # fmt: skip
 
 __version__ = "0.1.0"
@@ -90,6 +91,7 @@ __getattr__ = door(
         "site_fit": "ext.calibrate.site_fit",
         "site_import": "ext.interchange.sites",
         "site_show": "ext.interchange.sites",
+        "site_validate": "ext.calibrate.site_validating",
         "run": "verbs.run",
         "serve": "ext.explorer.serve",
         "shrink": "verbs.shrink",

@@ -18,7 +18,7 @@ from cornerforge._arrow import arrow_fields
 from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge._schema import check_fields, meant
 from cornerforge.analysis.site_avoid import others_at_site, poses_on_route, touches_at, ways_out_at_site
-from cornerforge.analysis.site_case import SiteCase, site_case
+from cornerforge.analysis.site_case import SiteCase, case_of, site_case
 from cornerforge.counterfactual import (
     BRAKING,
     COMBINED,
@@ -228,7 +228,7 @@ def avoidability(scenario: Scenario, params: AvoidParams | None = None) -> Avoid
     if problem is not None:
         raise InputError(f"Test {name}: {problem}.")
     if scenario.odd.site is not None:
-        return _answer_at_site(site_case(recordings, scenario.odd), params)
+        return _answer_at_site(case_of(scenario), params)
     out = _search(recordings, scenario.odd, params, threads=1)
     _check_witnesses([name], out)
     return _answer(recordings, out, params)

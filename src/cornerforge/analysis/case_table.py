@@ -42,7 +42,8 @@ VALUE_COLUMNS: tuple[Field, ...] = (
     Field("value_own_doing", "float64", "", "1 where the AV did something wrong, else 0 (docs/adr/0069).", _SHARE),
     Field("value_avoidability", "float64", "", "Time to react over 2 s, 0 to 1; null: not looked at.", _SHARE,
           nullable=True),
-    Field("value_severity", "float64", "", "1 + log10 P(MAIS 3+ in the AV) / 3, 0 to 1.", _SHARE),
+    Field("value_severity", "float64", "", "1 + log10 P(MAIS 3+ in the AV) / 3, of a person struck that of "
+          "AIS 4+; 0 to 1.", _SHARE),
     Field("value_novelty", "float64", "", "Share of the other cases that lie in denser company, 0 to 1.", _SHARE),
     Field("value", "float64", "", "Mean of the four, 0 to 1; null: one of them is not known.", _SHARE, nullable=True),
 )  # fmt: skip
@@ -152,6 +153,12 @@ def with_mechanism(table: pa.Table, cases: Iterable[tuple[str, Scenario]]) -> pa
     return table.add_column(1, arrow_field(MECHANISM), pa.array(names, arrow_type(MECHANISM.type)))
 
 
+def _mechanisms(table: pa.Table) -> list[str | None]:
+    """Read what led to each case; nothing where `with_mechanism` has not told."""
+    known = MECHANISM.name in table.column_names
+    return table.column(MECHANISM.name).to_pylist() if known else [None] * table.num_rows
+
+
 def values_of(
     table: pa.Table, points: NDArray[np.float64], weights: dict[str, float] | None = None
 ) -> tuple[pa.Table, Value]:
@@ -171,11 +178,13 @@ def values_of(
     looked = np.array(pc.is_valid(table.column("avoidability")).to_numpy(zero_copy_only=False), np.bool_)
     time_to_react = _numbers(table, "time_to_react_s")
     time_to_react[looked & np.isnan(time_to_react)] = -np.inf
+    on_foot = np.array([str(name).startswith("person-") for name in _mechanisms(table)], np.bool_)
+    hurt = np.where(on_foot, _numbers(table, "bv_injury_probability"), _numbers(table, "av_injury_probability"))
     value = value_of(
         {
             "own_doing": [float(name != NO_CONDUCT) for name in table.column("conduct").to_pylist()],
             "avoidability": avoidability_part(time_to_react),
-            "severity": severity_part(_numbers(table, "av_injury_probability")),
+            "severity": severity_part(hurt),
             "novelty": novelty_part(points),
         },
         weights,

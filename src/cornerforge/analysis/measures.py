@@ -25,14 +25,14 @@ from cornerforge.analysis.site_measures import path_velocity, straightened, unti
 from cornerforge.fields import Field
 from cornerforge.metrics.delta_v import FRICTION, delta_v
 from cornerforge.metrics.drac import drac
-from cornerforge.metrics.injury import injury_probability
+from cornerforge.metrics.injury import injury_probability, person_injury_probability
 from cornerforge.metrics.pet import pet
 from cornerforge.metrics.rss import rss_longitudinal, rss_margin
 from cornerforge.metrics.thw import thw
 from cornerforge.metrics.ttc import ttc
 from cornerforge.recordings import Recordings
 from cornerforge.road.straight import along
-from cornerforge.types import FRAME_S, Odd
+from cornerforge.types import FRAME_S, PERSON, Odd
 
 __all__ = ["MEASURES", "Impact", "measure_cases"]
 
@@ -106,11 +106,13 @@ MEASURES: tuple[Field, ...] = (
     _column("av_delta_v_mps", "m/s", "Change of the AV's velocity; too large for a blow past its centre of mass."),
     _column("bv_delta_v_mps", "m/s", "The same of the partner."),
     _column("av_injury_probability", "", "P(MAIS 3+) of an occupant of the AV, by delta-v and the force's direction."),
-    _column("bv_injury_probability", "", "The same of the partner."),
+    _column("bv_injury_probability", "", "The same of the partner; of a person on foot P(AIS 4+) by the impact speed."),
 )  # fmt: skip
 """Columns that `measure_cases` makes, in its order."""
 
 _BLOCK = 128  # as in fault.py
+_TIMES_A_PERSON = 20.0
+"""A car weighs so many times what a person does."""
 _SECOND = round(1.0 / FRAME_S)
 
 
@@ -168,9 +170,7 @@ def measure_cases(
         if odd is not None and odd.site is not None:
             nothing = np.full(block.n_cases, np.nan)
             of_pair = dict.fromkeys(("min_rss_margin_m", "rss_margin_1s_m", "pet_s"), nothing) | until_both(motion)
-            parts.append(
-                _in_path(straightened(block, odd), chosen) | of_pair | _at_contact(motion, crash, path_velocity(motion))
-            )
+            parts.append(_in_path(straightened(block, odd), chosen) | of_pair | _hurt_at_site(block, motion, crash))
             continue
         parts.append(_in_path(block, chosen) | _of_pair(motion, chosen) | _at_contact(motion, crash))
     return {column.name: np.concatenate([np.empty(0), *(part[column.name] for part in parts)]) for column in MEASURES}
@@ -297,6 +297,19 @@ def _encroachment(motion: PairMotion) -> NDArray[np.float64]:
     # On a clock that starts when one enters: then its rear leaves the mark, at once.
     between = pet(0.0, 0.0, (before - entered + part) * FRAME_S, np.inf)
     return np.where(last_apart < 0, np.nan, between)
+
+
+def _hurt_at_site(
+    recordings: Recordings, motion: PairMotion, impact: Impact
+) -> dict[str, NDArray[np.float64]]:  # fmt: skip
+    """Measure impacts at a site; a person weighs a twentieth of the AV, and is hurt as people on foot are."""
+    velocity = path_velocity(motion)
+    usual = _at_contact(motion, impact, velocity)
+    light = _at_contact(motion, replace(impact, bv_mass=impact.av_mass / _TIMES_A_PERSON), velocity)
+    people = recordings.kind[recordings.vehicle_at + recordings.partner] == PERSON
+    found = {name: np.where(people, light[name], usual[name]) for name in usual}
+    on_foot = person_injury_probability(found["impact_speed_mps"])
+    return found | {"bv_injury_probability": np.where(people, on_foot, found["bv_injury_probability"])}
 
 
 def _at_contact(

@@ -29,9 +29,8 @@ from numpy.typing import NDArray
 
 from cornerforge.analysis.contact import FRONT, REAR, find_contact
 from cornerforge.analysis.crash_types import STRIKERS, classify_crashes
-from cornerforge.analysis.site_case import KINDS_AT_SITES, in_av_frame, kind_at_site, site_case
+from cornerforge.analysis.site_case import KINDS_AT_SITES, case_of, in_av_frame, kind_at_site
 from cornerforge.fields import POSE
-from cornerforge.recordings import recordings_of
 from cornerforge.road.lanes import lanes_of
 from cornerforge.road.network import Lane
 from cornerforge.road.straight import along
@@ -195,7 +194,7 @@ def mechanism_of(scenario: Scenario) -> Mechanism:
 
 def _at_site(scenario: Scenario) -> Mechanism:
     """Name the kind of crash at a site (`site_case`); nobody changes lanes there."""
-    name = kind_at_site(site_case(recordings_of(scenario), scenario.odd))
+    name = kind_at_site(case_of(scenario))
     early = scenario.crash is not None and scenario.crash.time < AT_START_S
     return Mechanism(
         name, name, _contact_kind(scenario), early, av_changing=False, bv_changing=False, bv_start_after_av_s=None

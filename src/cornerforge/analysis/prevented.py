@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer, check_number
 from cornerforge.analysis.avoidability import AvoidParams, manoeuvres_of, problem_of
 from cornerforge.analysis.site_avoid import careful_at_site, manoeuvre_at_site, poses_on_route
-from cornerforge.analysis.site_case import SiteCase, site_case
+from cornerforge.analysis.site_case import SiteCase, case_of, site_case
 from cornerforge.counterfactual import (
     MANOEUVRES,
     Judgements,
@@ -323,7 +323,7 @@ def driven_by(scenario: Scenario, params: AvoidParams | None = None) -> dict[str
     if problem is not None:
         raise InputError(f"Test {recordings.case_ids[0]}: {problem}.")
     if scenario.odd.site is not None:
-        return {"cc-human": _driven_at_site(site_case(recordings, scenario.odd), params or AvoidParams())}
+        return {"cc-human": _driven_at_site(case_of(scenario), params or AvoidParams())}
     m = manoeuvres_of(scenario.odd, params or AvoidParams())
     out, last = allocate_judgements(1), int(recordings.last[0])
     scratch = allocate_judge_scratch(m, int(recordings.frames[0]), int(recordings.vehicles[0]))

@@ -13,7 +13,7 @@ since when the one behind was faster.
 *A careful driver*: `cc-human` of UN Regulation 157, the others of `CAREFUL` know lanes and are left out. The regulation
 gives no driver for crossing traffic or people; it asks for no crash with a person that crosses at up to 5 km/h before
 a vehicle of up to 60 km/h (5.2.5.3). So this is stated here: the driver keeps the rules that it is bound by (it
-stops before the zone, or the line, with 3 m/s2 at most where the AV was at fault). It sees danger when the other is on
+stops before the zone, or the line, with 3 m/s2 at most where the AV did not). It sees danger when the other is on
 the road (a person) or could stop no longer with 4 m/s2 (a vehicle), and both would be in the zone within 0.5 s of one
 another at their speeds; behind another, when the time to collision falls below 2 s. That has to last 0.4 s;
 0.75 s later it brakes, with 0.774 g at most and 12.65 m/s3 (Annex 3, its times for a cut-in), until it stands.
@@ -28,7 +28,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.analysis.fault import LEFT_BEFORE, LEFT_ON_DONT_WALK, NO_RULE, RAN_RED, WALKED_INTO
+from cornerforge.analysis.fault import (
+    DID_NOT_GIVE_WAY,
+    DID_NOT_GIVE_WAY_TO_PERSON,
+    DROVE_IN,
+    LEFT_BEFORE,
+    LEFT_ON_DONT_WALK,
+    NO_RULE,
+    RAN_RED,
+    WALKED_INTO,
+)  # fmt: skip
 from cornerforge.analysis.site_case import SiteCase
 from cornerforge.analysis.site_fault import AT_SITE, broken_at_site
 from cornerforge.counterfactual import (
@@ -90,7 +99,7 @@ class SiteWaysOut:
 
 @dataclass(frozen=True)
 class CarefulAtSite:
-    """What a careful driver makes of one crash at a site.
+    """Outcome of one crash at a site with a careful driver in the AV's place.
 
     Attributes:
         prevents: It prevents it, in one of the two ways.
@@ -192,9 +201,8 @@ def ways_out_at_site(case: SiteCase, params: AvoidParams, scratch: SpeedSearch) 
     if braking > latest:
         latest, found = braking, np.full(len(s) - 1 - braking, -hardest)
     start = min(max(may, first), case.last)
-    place, speed, _ = _state(case, start)
     proven = latest >= may or not may_exist(
-        forbidden, start - first, place, speed, origin, hardest, strongest, case.road.max_speed, scratch
+        forbidden, start - first, _state(case, start), origin, hardest, strongest, case.road, scratch
     )
     track = _driven(case, latest, found) if latest >= 0 else np.empty((0, 3))
     return SiteWaysOut(manoeuvre, begin, braking, latest, found, track, proven, latest >= may)
@@ -232,7 +240,7 @@ def commits(case: SiteCase, i: int, *, at_line: bool = False, braking: float = _
 
 
 def _of_following(case: SiteCase) -> tuple[int, int]:
-    """Behind one another: braking of the one ahead up to 1 s before the contact, or since the one behind was faster."""
+    """Find when it began behind one another: the one ahead brakes in the last second, or the rear one is faster."""
     behind_av = case.is_behind_partner
     ahead = case.partner if behind_av else 0
     behind = 0 if behind_av else case.partner
@@ -267,12 +275,12 @@ def careful_at_site(case: SiteCase, params: AvoidParams, reaction_s: float | Non
 
 
 def _keeps_rules(case: SiteCase, s: NDArray[np.float64]) -> tuple[int, NDArray[np.float64]] | None:
-    """Where the AV broke a rule, stop before the zone, or its line, with comfortable braking: begin and track, or None.
+    """Stop before the zone, or the line, with comfortable braking, if the AV broke a rule: begin and track, or None.
 
     None, too, where it cannot, from the first frame looked at on, or is touched all the same.
     """
     broken = broken_at_site(case, AT_SITE)
-    if broken is None or broken.av[0] == NO_RULE:
+    if broken is None or broken.av[0] not in (RAN_RED, DID_NOT_GIVE_WAY, DID_NOT_GIVE_WAY_TO_PERSON, DROVE_IN):
         return None
     begin = max(case.first, commits(case, 0, at_line=broken.av[0] == RAN_RED, braking=_COMFORTABLE) - 3)
     if begin >= case.last:

@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 
 from cornerforge.analysis.contact import FRONT, REAR, find_contact
 from cornerforge.counterfactual import places_along, rooms_to
-from cornerforge.recordings import Recordings
+from cornerforge.recordings import Recordings, recordings_of
 from cornerforge.road.straight import RoadNumbers, road_numbers
 from cornerforge.site.network import TURNS, Route, Site
-from cornerforge.site.signals import clock_of
+from cornerforge.site.signals import clock_of, first_clock
 from cornerforge.site.tables import (
     CROSS,
     MEETINGS,
@@ -36,9 +36,9 @@ from cornerforge.site.tables import (
     longer,
     walk_letter,
 )  # fmt: skip
-from cornerforge.types import FRAME_S, PERSON, Odd
+from cornerforge.types import FRAME_S, PERSON, Odd, Scenario
 
-__all__ = ["KINDS_AT_SITES", "SiteCase", "in_av_frame", "kind_at_site", "site_case"]
+__all__ = ["KINDS_AT_SITES", "SiteCase", "case_of", "in_av_frame", "kind_at_site", "site_case"]
 
 KINDS_AT_SITES: dict[str, str] = {
     "person-right-turn": "AV on a way to the right and a person on a crosswalk",
@@ -137,7 +137,7 @@ class SiteCase:
         return min(known, key=away) if known else None
 
     def zone_of(self, i: int) -> tuple[float, float]:
-        """From where to where agent i, the AV or the partner, is in the zone, its own length counted in [m]."""
+        """Compute from where to where agent i, AV or partner, is in the zone, its own length counted in [m]."""
         more = longer(self.sizes[i, 0], self.is_person(i))
         names = ("begin", "end") if i == 0 else ("other_begin", "other_end")
         return float(self.zone[names[0]]) - more, float(self.zone[names[1]]) + more
@@ -208,7 +208,7 @@ class SiteCase:
 
     @cached_property
     def in_line(self) -> NDArray[np.float64]:
-        """Where each agent is along the AV's route if it is on it or in a lane of it, NaN else, (T, N) [m]."""
+        """Places along the AV's route of agents on it or in a lane of it, NaN of the others, (T, N) [m]."""
         out = np.full_like(self.s, np.nan)
         table = self.road.site[0]["zone"][self.route[0]]
         for j in range(self.route.size):
@@ -233,8 +233,20 @@ class SiteCase:
         return np.hypot(self.x[:, j] - x, self.y[:, j] - y) < 0.5 * (self.sizes[0, 1] + self.sizes[j, 1])
 
 
-def site_case(recordings: Recordings, odd: Odd) -> SiteCase:
-    """Make the case of recordings that hold one, at a site."""
+def case_of(scenario: Scenario) -> SiteCase:
+    """Make the case of a crash at a site, with the signals as the scenario has them.
+
+    Raises:
+        InputError: There is no crash of the AV, or the recording does not hold its contact.
+    """
+    return site_case(recordings_of(scenario), scenario.odd, clock_of(scenario))
+
+
+def site_case(recordings: Recordings, odd: Odd, clock: float | None = None) -> SiteCase:
+    """Make the case of recordings that hold one, at a site.
+
+    `clock`: time of the signals' programme at the first frame [s]; None: as the name of the test has it.
+    """
     frames, n, last = int(recordings.frames[0]), int(recordings.vehicles[0]), int(recordings.last[0])
     present = recordings.present.reshape(n, frames).T[: last + 1]
 
@@ -242,11 +254,12 @@ def site_case(recordings: Recordings, odd: Odd) -> SiteCase:
         values = np.asarray(getattr(recordings, name), np.float64).reshape(n, frames).T[: last + 1]
         return np.where(present, values, np.nan)
 
-    assert odd.site is not None  # callers have asked
     road = road_numbers(odd)
     lanes = recordings.target_lane.reshape(n, frames).T[: last + 1]
     there = present.argmax(axis=0)
     route = np.maximum(lanes[there, np.arange(n)], 0).astype(np.int64)
+    if clock is None:
+        clock = float(first_clock(road.site[0]["cycle"], int(recordings.seed[0]), int(recordings.test[0])))
     x, y = series("x"), series("y")
     s = np.empty((last + 1, n))
     for j in range(n):
@@ -256,7 +269,7 @@ def site_case(recordings: Recordings, odd: Odd) -> SiteCase:
     return SiteCase(
         odd, road, int(recordings.partner[0]), x, y, series("speed"), series("heading"), series("acceleration"), s,
         route, recordings.kind.astype(np.int64), np.stack([recordings.length, recordings.width], axis=1),
-        clock_of(odd.site, int(recordings.seed[0]), int(recordings.test[0])),
+        clock,
     )  # fmt: skip
 
 

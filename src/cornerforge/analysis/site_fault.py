@@ -255,14 +255,14 @@ def _in_line(case: SiteCase) -> PairMotion:
 
 
 def _along_av(case: SiteCase) -> NDArray[np.float64]:
-    """Where the partner is along the AV's way [m], (T,): of a way that joins, as far before the join as it is."""
+    """Give the partner's place along the AV's way [m], (T,): of a way that joins, as far before the join as it is."""
     if case.route[0] == case.route[case.partner] or case.zone is None or case.zone["kind"] == CROSS:
         return case.s[:, case.partner] + _offset(case)
     return case.zone["begin"] + case.s[:, case.partner] - case.zone["other_begin"]
 
 
 def _offset(case: SiteCase) -> float:
-    """What is to be added to the partner's place along its own way, so that they are as far apart as at the contact."""
+    """Compute what makes the partner's place along its own way as far from the AV's as it is at the contact."""
     if case.route[0] == case.route[case.partner]:
         return 0.0
     dx, dy = (float(v[-1, case.partner] - v[-1, 0]) for v in (case.x, case.y))

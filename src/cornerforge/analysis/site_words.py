@@ -16,10 +16,9 @@ from cornerforge.analysis.fault import (
     RAN_RED,
     WALKED_INTO,
 )  # fmt: skip
-from cornerforge.analysis.site_case import SiteCase, kind_at_site, site_case
+from cornerforge.analysis.site_case import SiteCase, case_of, kind_at_site
 from cornerforge.analysis.site_conduct import side_at_site
 from cornerforge.analysis.site_fault import AT_SITE, broken_at_site
-from cornerforge.recordings import recordings_of
 from cornerforge.site.tables import GREEN, YELLOW
 from cornerforge.types import CLASSES, Scenario
 
@@ -39,7 +38,7 @@ def what_happened_at_site(scenario: Scenario) -> str:
     Raises:
         InputError: There is no crash of the AV, or the recording does not hold its contact.
     """
-    return said_of(site_case(recordings_of(scenario), scenario.odd))
+    return said_of(case_of(scenario))
 
 
 def said_of(case: SiteCase) -> str:
@@ -136,7 +135,7 @@ def _by_rules(case: SiteCase) -> str:
             LEFT_ON_DONT_WALK: light, LEFT_BEFORE: ", which had left the kerb right before it",
             WALKED_INTO: ", which left the kerb when the AV was on the crosswalk already",
         }.get(bv, light or ", which went first")  # fmt: skip
-        more = {RAN_RED: "; the AV had run a red light", DID_NOT_BRAKE_FOR: "; the AV could have stopped"}
+        more = {RAN_RED: "; the AV had run a red light", DID_NOT_BRAKE_FOR: "; the AV did not brake as it had to"}
         return said + more.get(av, "")
     parts = []
     if bv == RAN_RED:
@@ -152,11 +151,11 @@ def _by_rules(case: SiteCase) -> str:
     elif av == DROVE_IN:
         parts.append("; the other had not left the junction yet")
     elif av == DID_NOT_BRAKE_FOR:
-        parts.append("; the AV could have stopped")
+        parts.append("; the AV did not brake as it had to")
     if bv == DID_NOT_BRAKE_FOR:
         parts.append(
-            "; the other could have stopped"
+            "; the other did not brake as it had to"
             if av != NO_RULE
-            else "; the gap was enough, and the other could have stopped"
+            else "; the gap was enough, but the other did not brake as it had to"
         )
     return "".join(parts)

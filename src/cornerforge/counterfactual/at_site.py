@@ -46,7 +46,7 @@ _PLACES, _SPEEDS, _RATES = 1400, 200, 16
 _LOWEST_RATE = -10.0
 _NODES = 200_000
 _BOXES = 64
-_FAR = 80.0
+_FAR, _SLIVER = 80.0, 1e-9
 """Ways are looked along so far [m]."""
 
 
@@ -299,30 +299,37 @@ def search_speeds(
 
 @kernel
 def may_exist(
-    forbidden: NDArray[np.bool_], row: int, place: float, speed: float, begin: float, hardest: float, strongest: float,
-    most: float, scratch: SpeedSearch,
+    forbidden: NDArray[np.bool_], row: int, start: tuple[float, float, float], begin: float, hardest: float,
+    strongest: float, road: RoadNumbers, scratch: SpeedSearch,
 ) -> bool:  # fmt: skip
     """Say whether a way out may exist: a set of places and speeds that holds all that the AV can reach is not empty.
 
     In each gap between forbidden places it is a box of places and speeds; speeds change by at most `hardest` down and
-    `strongest` up [m/s2], at once, and stay in [0, `most`] [m/s]. A gap of less than `GRID` counts as none.
+    `strongest` up [m/s2], at once, but places and speeds stay between those of an AV that brakes, and one that
+    accelerates, as hard as it may from the start on, with the limit of jerk. A gap of less than `GRID` counts as none.
     """
     boxes, made = scratch.boxes[0], scratch.boxes[1]
-    boxes[0, 0], boxes[0, 1], boxes[0, 2], boxes[0, 3] = place, place, speed, speed
+    near, slowest, near_rate = start
+    far, fastest, far_rate = start
+    boxes[0, 0], boxes[0, 1], boxes[0, 2], boxes[0, 3] = near, near, slowest, slowest
     n = 1
     places = forbidden.shape[1]
     for k in range(row + 1, forbidden.shape[0]):
         count, gap_begin = 0, -np.inf
+        gone, at_top, slowest, near_rate = motion.go_on(slowest, near_rate, -hardest, FRAME_S, road)
+        near += gone + at_top
+        gone, at_top, fastest, far_rate = motion.go_on(fastest, far_rate, strongest, FRAME_S, road)
+        far += gone + at_top
         for m in range(places + 1):
             if m < places and not forbidden[k, m]:
                 continue
             gap_end = begin + m * GRID if m < places else np.inf
             low, high, slow, fast = np.inf, -np.inf, np.inf, -np.inf
             for b in range(n):
-                least = max(0.0, boxes[b, 2] - hardest * FRAME_S)
-                largest = min(most, boxes[b, 3] + strongest * FRAME_S)
+                least = max(slowest, boxes[b, 2] - hardest * FRAME_S)
+                largest = min(fastest, boxes[b, 3] + max(strongest, far_rate) * FRAME_S)
                 one, two = boxes[b, 0] + least * FRAME_S, boxes[b, 1] + largest * FRAME_S
-                one, two = max(one, gap_begin), min(two, gap_end)
+                one, two = max(one, gap_begin, near - _SLIVER), min(two, gap_end, far + _SLIVER)
                 if one <= two:
                     low, high, slow, fast = min(low, one), max(high, two), min(slow, least), max(fast, largest)
             if low <= high and gap_end - gap_begin > 1.5 * GRID:

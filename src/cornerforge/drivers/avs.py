@@ -52,7 +52,7 @@ AV_KINDS = {
     "learned": AvLaw(3, 12.0, 10.0, sees_everybody=True, parameters=("network",)),
     "careful": AvLaw(4, 8.0, None, sees_everybody=True, parameters=("careful",)),
     "flawed": AvLaw(5, None, None, sees_everybody=True, parameters=("flawed",)),
-    "junction": AvLaw(6, 8.0, 3.0, sees_everybody=True, parameters=("junction",)),
+    "junction": AvLaw(6, 8.0, 3.0, sees_everybody=True, parameters=("junction", "rss")),
 }
 """The laws by which an AV decides (docs/adr/0009-built-in-avs.md).
 
@@ -70,12 +70,14 @@ class JunctionParams:
     Attributes:
         headway, gaps, manners: Its factors of people's median time gap, critical gap and gap left to people.
         creeps: It edges forward where it should wait.
+        rss: It drives by RSS too (`AvModel.rss`).
     """
 
     headway: float = 1.2
     gaps: float = 1.3
     manners: float = 2.0
     creeps: bool = False
+    rss: bool = False
 
 
 class JunctionNumbers(NamedTuple):
@@ -85,6 +87,7 @@ class JunctionNumbers(NamedTuple):
     gaps: float
     manners: float
     creeps: bool
+    rss: bool
 
 
 @dataclass(frozen=True)
@@ -249,12 +252,12 @@ AVS: dict[str, AvModel] = {
                 ("idm-yield", "follows by the IDM and takes gaps somewhat longer than people's", JunctionParams()),
                 (
                     "rss-yield",
-                    "keeps more distance and takes gaps twice as long as people's",
-                    JunctionParams(1.8, 2.0, 4.0),
+                    "keeps RSS distances, and enters only where none that goes first could come",
+                    JunctionParams(1.2, 1.3, 2.0, rss=True),
                 ),
                 (
                     "creep",
-                    "made bad on purpose: edges forward where it should wait, and leaves people little room",
+                    "made bad on purpose: edges a metre into others' ways, takes short gaps, leaves people little room",
                     JunctionParams(1.0, 0.8, 0.6, creeps=True),
                 ),
             )

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from cornerforge.foreign.site_scene import Agent, SiteScene, SiteScenes
 
 __all__ = [
-    "Agent", "Av", "AvContext", "Box", "Boxes", "Planner", "PlannerForAll", "Scene", "Scenes", "SiteScene", "SiteScenes",
+    "Agent", "Av", "AvContext", "Box", "Boxes", "Planner", "PlannerForAll", "Scene", "Scenes", "SiteScene",
+    "SiteScenes",
 ]  # fmt: skip
 
 MODULES = (

@@ -43,7 +43,12 @@ MAX_FAULTS = 20
 MAX_HANGS = 5
 """Number of faults by hanging that ends a run."""
 _KEPT_SCRIPTS = 20_000
-_FORMS = {"view": "lane orders", "lane": "lane orders", "steering": "angles of its wheels", "trajectory": "trajectories"}
+_FORMS = {
+    "view": "lane orders",
+    "lane": "lane orders",
+    "steering": "angles of its wheels",
+    "trajectory": "trajectories",
+}
 
 
 class _Starter:
@@ -416,8 +421,8 @@ def _in_the_wrong_place(name: str, about: dict[str, str], odd: Odd) -> str:
     if odd.site is not None and not drives_at_sites:
         return (
             f"The AV {name} drives on roads only: it answers by {_FORMS.get(about['form'], about['form'])}. At a site, "
-            f"such as {odd.site.name}, an AV sees its path and answers by an acceleration along it: a class (or the hello "
-            f'of a program) that says answers = "{AT_SITES}"; see docs/site-avs.md and examples/junction_av.py.'
+            f"such as {odd.site.name}, an AV sees its path and answers by an acceleration along it: a class (or the "
+            f'hello of a program) that says answers = "{AT_SITES}"; see docs/site-avs.md and examples/junction_av.py.'
         )
     if odd.site is None and drives_at_sites:
         return f"The AV {name} drives at sites only; give one, such as --site mcity-signal."

@@ -278,6 +278,6 @@ class PlannerForAll(ABC):
         """Decide for all worlds; called every `context.interval`.
 
         Returns:
-            As `Planner.plan`, for B worlds: (B, 2), at a site (B,), or trajectories (B, M, 3 to 5). A trajectory with fewer poses ends
-            in rows whose time is NaN.
+            As `Planner.plan`, for B worlds: (B, 2), at a site (B,), or trajectories (B, M, 3 to 5). A trajectory with
+            fewer poses ends in rows whose time is NaN.
         """

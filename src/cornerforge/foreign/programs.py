@@ -21,12 +21,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cornerforge.errors import InputError
+from cornerforge.foreign import site_scene
 from cornerforge.foreign.drivers import (
     EndedError,
     UnusableError,
     WorldDriver,
 )
-from cornerforge.foreign import site_scene
 from cornerforge.foreign.interface import ANSWERS, AT_SITES, NEAREST
 from cornerforge.foreign.scene import COLUMNS, KINDS
 
@@ -332,7 +332,8 @@ def _question(b: int, rows: list[list[float]]) -> str:
 def _question_at_site(b: int, rows: list[list[float]]) -> str:
     agents = [dict(zip(site_scene.AGENT, row)) for row in (rows[0], *rows[site_scene.FIRST_AGENT :])]  # noqa: B905
     shown: list[dict[str, Any]] = [
-        agent | {"id": int(agent["id"]), "kind": site_scene.KINDS[int(agent["kind"])], "priority": int(agent["priority"])}
+        agent
+        | {"id": int(agent["id"]), "kind": site_scene.KINDS[int(agent["kind"])], "priority": int(agent["priority"])}
         for agent in agents
         if agent["id"] >= 0.0
     ]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from cornerforge.results.reproduction import Reproduced
     from cornerforge.results.retest import Retested
     from cornerforge.results.roads import RoadTold
-    from cornerforge.results.site_laws import SiteFitted
+    from cornerforge.results.site_laws import SiteFitted, SiteValidated
     from cornerforge.results.sites import SiteTold
     from cornerforge.results.stating import as_json, from_json
     from cornerforge.results.suite import SuiteBuilt
@@ -70,6 +70,7 @@ __all__ = [
     "Simulated",
     "SiteFitted",
     "SiteTold",
+    "SiteValidated",
     "SuiteBuilt",
     "Trained",
     "TrainedAv",
@@ -84,7 +85,7 @@ _PLACES = {
     "cases": ("Plausibility", "Queried", "Replayed", "ShrunkLibrary", "Varied"),
     "driving": ("Filled", "NaturalRate", "Simulated"), "imported": ("CasesFromData", "ImportedCases"),
     "learning": ("Trained", "TrainedAv"), "naturalistic": ("NddFitted", "NddImported", "NddShown"),
-    "r157": ("Regulated",), "roads": ("RoadTold",), "site_laws": ("SiteFitted",), "sites": ("SiteTold",),
+    "r157": ("Regulated",), "roads": ("RoadTold",), "site_laws": ("SiteFitted", "SiteValidated"), "sites": ("SiteTold",),
     "reproduction": ("Reproduced",), "retest": ("Retested",),
     "stating": ("as_json", "from_json"), "suite": ("SuiteBuilt",), "validation": ("NddValidated",),
     "whole": (

@@ -1,4 +1,4 @@
-"""Result of `site fit`."""
+"""Results of `site fit` and `site validate`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 from cornerforge._schema import Whole, meant
 from cornerforge.results.html import Result
 
-__all__ = ["LawFitted", "SiteFact", "SiteFitted"]
+__all__ = ["LawFitted", "SiteBar", "SiteFact", "SiteFitted", "SiteValidated"]
 
 
 class LawFitted(Result):
@@ -50,3 +50,26 @@ class SiteFitted(Result):
     facts: Annotated[tuple[SiteFact, ...], meant("What the data have, and how well the laws fit to it.")]
     notes: Annotated[tuple[str, ...], meant("Missing files, and what the data cannot tell.")]
     files: Annotated[tuple[str, ...], meant("Files that were written.")]
+
+
+class SiteBar(Result):
+    """One measure of the simulation, beside the data."""
+
+    measure: Annotated[str, meant("The quantity, in words.")]
+    unit: Annotated[str, meant("Of the numbers.")]
+    simulated: Annotated[float, meant("What the simulation has.", "`unit`")]
+    interval95: Annotated[tuple[float, float], meant("95 % interval of it.", "`unit`")]
+    n: Annotated[Whole, meant("How many it is of.")]
+    data: Annotated[float | None, meant("What the data have; null: nothing.", "`unit`")]
+    data_interval95: Annotated[tuple[float, float] | None, meant("95 % interval over groups; null: none.", "`unit`")]
+    bar: Annotated[str, meant("What it should be.")]
+    holds: Annotated[bool | None, meant("Whether it is; null: too few to say, or only shown.")]
+
+
+class SiteValidated(Result):
+    """What drivers and people do in tests at a site, beside what they rest on."""
+
+    site: Annotated[str, meant("The site.")]
+    bars: Annotated[tuple[SiteBar, ...], meant("The measures.")]
+    passed: Annotated[bool, meant("No bar that could be judged is missed.")]
+    notes: Annotated[tuple[str, ...], meant("What to know.")]

@@ -26,8 +26,8 @@ _LAYER_ROWS = 4
 class AvScratch(NamedTuple):
     """Scratch for one decision of an AV: slots it sees, view, features; a learned AV's mask, layers and Q.
 
-    `vehicles`, `places`, `is_seen`: the vehicles as they are, where they are along their routes at a site, and which the
-    AV sees, while the world is as it perceives it (`perception.show_as_seen`).
+    `vehicles`, `places`, `is_seen`: the vehicles as they are, where they are along their routes at a site, and which
+    the AV sees, while the world is as it perceives it (`perception.show_as_seen`).
     """
 
     found: NDArray[np.int64]

@@ -232,7 +232,11 @@ def _zones_of_all(site: Site) -> list[Zone]:
             of_first=_inside(zone.of_first, site.routes[zone.first]),
             of_second=_inside(zone.of_second, site.routes[zone.second]),
         )
-        met = [k for k, one in enumerate(known) if _meet(one.of_first, zone.of_first) and _meet(one.of_second, zone.of_second)]
+        met = [
+            k
+            for k, one in enumerate(known)
+            if _meet(one.of_first, zone.of_first) and _meet(one.of_second, zone.of_second)
+        ]
         if not met:
             known.append(swings)
             continue
@@ -260,7 +264,9 @@ def _lengthened(zone: Zone, swings: Zone, *, at_begin: bool) -> Zone:
     """Lengthen a zone at its begin or end to that of trucks; on both routes alike where they have one lane."""
     a, b = zone.of_first, zone.of_second
     if not at_begin:
-        return replace(zone, of_first=(a[0], max(a[1], swings.of_first[1])), of_second=(b[0], max(b[1], swings.of_second[1])))
+        return replace(
+            zone, of_first=(a[0], max(a[1], swings.of_first[1])), of_second=(b[0], max(b[1], swings.of_second[1]))
+        )
     begins = min(a[0], swings.of_first[0]), min(b[0], swings.of_second[0])
     if zone.kind != "cross":
         more = min(max(a[0] - begins[0], b[0] - begins[1]), a[0], b[0])

@@ -121,7 +121,9 @@ class _Bench:
         if alone * _BATCH > _CALL_SECONDS:
             self.few = max(2, int(_CALL_SECONDS / alone))
             self.many = 2 * self.few
-        seconds = alone * self.few * len(self.trials.names) + self.repeat_steps() * alone * (3 * self.few + 1 + self.many)
+        seconds = alone * self.few * len(self.trials.names) + self.repeat_steps() * alone * (
+            3 * self.few + 1 + self.many
+        )
         if seconds > LONG_SECONDS:
             announce(
                 f"{self._av.name} takes about {spoken(alone)} for an answer in one world (measured): trials will take "

@@ -1,4 +1,4 @@
-"""Options of the naturalistic driving model, `ndd fit`, `validate`, `show`, `import`; and of `site fit`."""
+"""Options of the naturalistic driving model, `ndd fit`, `validate`, `show`, `import`; of `site fit` and `validate`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Annotated
 from cornerforge._options import Command, LongWork, Watched
 from cornerforge._schema import meant
 
-__all__ = ["COMMANDS", "DATA_FORMAT", "NddFit", "NddImport", "NddShow", "NddValidate", "SiteFit"]
+__all__ = ["COMMANDS", "DATA_FORMAT", "NddFit", "NddImport", "NddShow", "NddValidate", "SiteFit", "SiteValidate"]
 
 DATA_FORMAT = meant(
     "ngsim, pairs, tracks, tgsim or highd; told from the columns by default.",
@@ -74,6 +74,16 @@ class SiteFit(Watched):
     report: Annotated[Path | str | None, meant("New page of what each law rests on, .html.")] = None
 
 
+class SiteValidate(LongWork):
+    """Compare drivers and people at a junction with data; exit status 1 if a bar is missed."""
+
+    site: Annotated[str, meant("The site.", metavar="SITE")] = field(kw_only=False)
+    data: Annotated[Path | str, meant("Folder with the data; its files may be missing.", metavar="DIR")]
+    site_laws: Annotated[str | None, meant("A file of `site fit`; the shipped one by default.")] = None
+    recordings: Annotated[int, meant("Tests that are recorded and measured.", low=1, high=10**6)] = 2000
+    tests: Annotated[int, meant("Tests without errors that are counted.", low=1, high=10**12)] = 1_000_000
+
+
 COMMANDS = (
     Command(
         NddFit, "ext.calibrate.naturalistic:ndd_fit", "ext.calibrate.naturalistic:fit_text",
@@ -95,5 +105,11 @@ COMMANDS = (
     Command(
         SiteFit, "ext.calibrate.site_fit:site_fit", "ext.calibrate.site_fit:site_fit_text",
         ("cornerforge site fit --data urban --out laws.json --report fit.html",), name="site fit",
+    ),
+    Command(
+        SiteValidate, "ext.calibrate.site_validating:site_validate",
+        "ext.calibrate.site_validating:site_validation_text",
+        ("cornerforge site validate mcity-signal --data urban",), name="site validate",
+        fails="ext.calibrate.site_validating:site_did_not_pass",
     ),
 )  # fmt: skip

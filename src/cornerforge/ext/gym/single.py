@@ -9,7 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._options import made_of
-from cornerforge.ext.gym.batch import OUTCOMES, Batch, adversary_batch, check_render_mode, check_seed, driving_batch, read_options
+from cornerforge.ext.gym.batch import (
+    OUTCOMES,
+    Batch,
+    adversary_batch,
+    check_render_mode,
+    check_seed,
+    driving_batch,
+    read_options,
+)
 from cornerforge.ext.gym.options import Adversary, Driving
 from cornerforge.ext.gym.spaces import (
     ResetNeededError,

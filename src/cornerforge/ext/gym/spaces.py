@@ -9,9 +9,9 @@ from gymnasium import error, spaces
 from numpy.typing import NDArray
 
 from cornerforge._words import shown
+from cornerforge.adversary.worlds import agents
 from cornerforge.errors import InputError
 from cornerforge.foreign.networks import SIZES, answers_of_box, answers_of_index
-from cornerforge.adversary.worlds import agents
 from cornerforge.sim import av_scene, av_view, neighbours, observe
 from cornerforge.site.tables import MAX_PLACES
 from cornerforge.types import CLASSES, FIRST_ACCELERATION, HIGHEST_COMMAND, LOWEST_COMMAND, N_ACTIONS, Odd
@@ -97,7 +97,7 @@ def driving_observations(odd: Odd, *, scaled: bool) -> spaces.Box:
 
 def _scenes(odd: Odd, *, scaled: bool) -> spaces.Box:
     first, top, far = av_scene.FIRST_AGENT, odd.max_speed, neighbours.SIGHT
-    high = np.zeros((agents.SITE_ROWS, av_scene.SITE_COLUMNS))
+    high = np.ones((agents.SITE_ROWS, av_scene.SITE_COLUMNS))  # of columns without use too: none of equal bounds
     agent = [1.0, len(CLASSES) - 1.0, 30.0, 5.0, far, far, 4.0, top, top, 1.0]
     high[0], high[first:] = agent, agent
     high[1, :5] = odd.time_limit, -LOWEST_COMMAND, MAX_PLACES, 4.0, MAX_PLACES

@@ -1,7 +1,7 @@
 """Natural choices at a site: the probability of each of the 33 actions, the draw, and how an action begins.
 
 Actions of a driver: give way, go, and 31 accelerations. Where it has to choose (`look`), it does one of the first two;
-else an acceleration about its law's. A driver that looks away goes on with what it does. Actions of a person: wait, go
+else an acceleration about its law's. A driver that looks away does not accelerate, and brakes no harder. Actions of a person: wait, go
 on at the own speed, and four speeds.
 """
 
@@ -40,6 +40,8 @@ _HALF = NOISE_CELLS // 2
 _HARDEST = float(ACCELERATIONS[0])
 _HALF_STEP = 0.5 * ACCELERATION_STEP
 _STANDS = 0.05
+_CALM = 0.5
+"""A driver that should lower its acceleration by more than this does not begin to look away [m/s2]."""
 
 
 @inlined_kernel
@@ -77,6 +79,12 @@ def _add_law(w: World, i: int, site: NDArray[np.void], p: NDArray[np.float64]) -
             p[_about(centre, k, most)] += site[0].noise_shares[k]
 
 
+@inlined_kernel
+def _unseeing(w: World, i: int) -> int:
+    """Find the action of a driver that looks away: it brakes on as it does, or keeps its speed."""
+    return nearest_action(min(w.vehicles[i].commanded, 0.0))
+
+
 @kernel
 def natural_choice(w: World, i: int, site: NDArray[np.void], p: NDArray[np.float64]) -> None:
     """Compute P(action) of the agent in slot i, which has looked around, float64 (33,); the sum is 1."""
@@ -95,16 +103,25 @@ def natural_choice(w: World, i: int, site: NDArray[np.void], p: NDArray[np.float
     if away > 0.0:
         for a in range(N_ACTIONS):
             p[a] *= 1.0 - away
-        p[nearest_action(w.vehicles[i].commanded)] += away
+        p[_unseeing(w, i)] += away
 
 
 @inlined_kernel
 def away_chance(w: World, i: int, site: NDArray[np.void]) -> float:
-    """Compute P(the driver of slot i looks away in this second)."""
-    if w.vehicles[i].kind == PERSON:
+    """Compute P(the driver of slot i looks away in this second).
+
+    None begins where it has to choose, or to brake harder than it does: drivers look away while little happens ahead.
+    """
+    me, own = w.vehicles[i], w.agents[i]
+    if me.kind == PERSON:
         return 0.0
-    chance: float = 1.0 - site[0].looks_back if w.vehicles[i].away else site[0].looks_away
-    return chance
+    if me.away:
+        goes_on: float = 1.0 - site[0].looks_back
+        return goes_on
+    if own.chooses or own.free < me.commanded - _CALM:
+        return 0.0
+    begins: float = site[0].looks_away
+    return begins
 
 
 @inlined_kernel
@@ -120,7 +137,7 @@ def draw_action(w: World, i: int, word: uint64, away_word: uint64, site: NDArray
     away = uniform(away_word) < away_chance(w, i, site)
     w.vehicles[i].away = 1 if away else 0
     if away:
-        return nearest_action(w.vehicles[i].commanded)
+        return _unseeing(w, i)
     if own.chooses:
         return GOES if draw < own.goes else GIVES_WAY
     centre, most = _law(w, i)

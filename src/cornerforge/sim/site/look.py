@@ -161,7 +161,7 @@ def held_then_stops_within(speed: float, now: float, command: float) -> float:
         now: Its acceleration now [m/s2].
         command: The acceleration that it goes to [m/s2].
     """
-    change = now - command
+    change = max(now, -math.sqrt(2.0 * speed / _RAMP_TIME)) - command  # it does not lose more than its speed
     ramp = abs(change) * _RAMP_TIME
     gained = 0.5 * change * ramp
     after = speed + command + gained

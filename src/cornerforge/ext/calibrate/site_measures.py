@@ -1,0 +1,346 @@
+"""What drivers and people did in recordings of tests at a site: encounters, gaps, waits at kerbs, walking, crashes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._philox import PURPOSE_INITIAL, block, uniform
+from cornerforge.errors import InputError
+from cornerforge.site.network import Site
+from cornerforge.site.tables import CROSS, longer
+from cornerforge.types import FRAME_S, PERSON, Scenario
+
+__all__ = ["CRASH_KINDS", "Kerb", "Measured", "Meeting", "Turn", "crash_kinds", "measures"]
+
+Floats = NDArray[np.float64]
+
+_SLOW_WALK, _CHANGE_TIME = 1.07, 4.0
+_PLACE = 0.25
+"""Places along a route are looked for so far apart [m]."""
+_LONGEST = 10.5
+"""Encounters are those in which the second comes at most so long after the first [s]."""
+_NEAR, _QUEUED = 6.0, 15.0
+_GAP_ENDS = 15.0
+"""A gap before which none comes any more counts as so long [s]."""
+CRASH_KINDS = (
+    "rear-end", "angle", "left turn across", "side-swipe", "pedestrian, right turn", "pedestrian, left turn",
+    "pedestrian, straight",
+)  # fmt: skip
+_TOUCH = 12.0
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """A right-turning vehicle and the person that came nearest in time to it.
+
+    Attributes:
+        seconds: From when the first has left the place where their ways cross until the second comes; negative: the
+            vehicle went first; 0: both were there.
+        light: Of the person's signal when it comes there: 2 walk, 1 flashing, 0 don't walk; -1 without a signal.
+    """
+
+    seconds: float
+    light: int
+
+
+@dataclass(frozen=True)
+class Turn:
+    """A left turn that waited for at least one oncoming vehicle: the largest gap let pass, the gap taken [s]."""
+
+    missed: float
+    taken: float
+
+
+@dataclass(frozen=True)
+class Kerb:
+    """A person that came to the kerb on don't walk: did it leave on it; vehicles that passed in the next 10 s."""
+
+    left: bool
+    vehicles: int
+
+
+@dataclass
+class Measured:
+    """What was seen; `add` puts another recording to it.
+
+    Attributes:
+        meetings, turns, kerbs: As their classes say.
+        follow_up: Times between two left turns that go in one gap [s].
+        walks: Speeds of people from kerb to kerb [m/s].
+    """
+
+    meetings: list[Meeting] = field(default_factory=list)
+    turns: list[Turn] = field(default_factory=list)
+    kerbs: list[Kerb] = field(default_factory=list)
+    follow_up: list[float] = field(default_factory=list)
+    walks: list[float] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _Track:
+    route: int
+    person: bool
+    length: float
+    begin: int
+    s: Floats
+    speed: Floats
+
+    def when(self, place: float) -> float:
+        """Time at which its middle is at a place along its route [s]; NaN if it never is, or was beyond it at first."""
+        if self.s[0] > place or self.s[-1] < place:
+            return np.nan
+        return (self.begin + int(np.searchsorted(self.s, place))) * FRAME_S
+
+    def at(self, time: float) -> tuple[float, float]:
+        """Place [m] and speed [m/s] at a time [s]; NaN when it is not there."""
+        k = round(time / FRAME_S) - self.begin
+        return (float(self.s[k]), float(self.speed[k])) if 0 <= k < self.s.size else (np.nan, np.nan)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A recording with its site: tracks of all but the AV, and of the AV; zones of pairs; time of the signals."""
+
+    site: Site
+    zones: NDArray[np.void]
+    tracks: list[_Track]
+    av: list[_Track]
+    clock: float
+    seconds: float
+
+    def light(self, route: int, time: float) -> int:
+        """Letter of a route's signal at a time of the test, 2 green, 1 amber, 0 red; -1 without one."""
+        signal = self.site.routes[route].signal
+        if signal < 0 or not self.site.programme:
+            return -1
+        ends = np.cumsum([phase.seconds for phase in self.site.programme])
+        phase = int(np.searchsorted(ends, (self.clock + time) % ends[-1], side="right"))
+        return {"r": 0, "y": 1}.get(self.site.programme[min(phase, len(ends) - 1)].states[signal], 2)
+
+    def walk(self, route: int, time: float) -> int:
+        """Light of people on a crosswalk: 2 walk, 1 flashing, 0 don't walk; -1 without one."""
+        now = self.light(route, time)
+        needed = self.site.routes[route].length / _SLOW_WALK - _CHANGE_TIME
+        return (
+            1
+            if now == 2 and needed > 0.0 and self.light(route, time + needed) < 2
+            else now // 2 * 2
+            if now > 0
+            else now
+        )
+
+
+def measures(scenarios: Iterable[Scenario], zones: NDArray[np.void]) -> Measured:
+    """Measure what drivers and people did in recordings of tests at a site; the AV is no one of them.
+
+    Args:
+        scenarios: Recordings, as of `Experiment.recorder`; all frames are needed.
+        zones: Field `zone` of the site's record, (routes, routes, meetings) of `site.tables.SITE`.
+
+    Raises:
+        InputError: A recording is none of a site.
+    """
+    out = Measured()
+    for scenario in scenarios:
+        seen = _seen(scenario, zones)
+        out.meetings += _meetings(seen)
+        turns, follow_up = _turns(seen)
+        out.turns += turns
+        out.follow_up += follow_up
+        out.kerbs += _kerbs(seen)
+        out.walks += _walks(seen)
+    return out
+
+
+def _seen(scenario: Scenario, zones: NDArray[np.void]) -> _Seen:
+    site = scenario.odd.site
+    if site is None:
+        raise InputError("These are measures of sites; the recording is of a road.")
+    words = block(scenario.seed, scenario.test, 0, 0, PURPOSE_INITIAL)
+    cycle = sum(phase.seconds for phase in site.programme)
+    tracks: list[list[_Track]] = [[], []]
+    for k in range(scenario.slot.size):
+        there = np.flatnonzero(scenario.present[:, k])
+        if there.size < 2:
+            continue
+        route = int(scenario.target_lane[there[0], k])
+        s = _along(site, route, scenario.x[there, k], scenario.y[there, k])
+        tracks[int(scenario.slot[k] == 0)].append(
+            _Track(
+                route, scenario.kind[k] == PERSON, float(scenario.length[k]), int(there[0]),
+                np.maximum.accumulate(s), scenario.speed[there, k],
+            )
+        )  # fmt: skip
+    clock = cycle * float(uniform(words[2]))
+    return _Seen(site, zones, tracks[0], tracks[1], clock, (len(scenario.x) - 1) * FRAME_S)
+
+
+def _along(site: Site, route: int, x: Floats, y: Floats) -> Floats:
+    """Find the places along a route [m] that are nearest to places in the plane, shape (n,)."""
+    one = site.routes[route]
+    at = np.arange(0.0, one.length + _PLACE, _PLACE)
+    line = np.stack([np.interp(at, one.along, values) for values in one.line.T])
+    nearest = np.hypot(x[:, None] - line[0], y[:, None] - line[1]).argmin(axis=1)
+    heading = np.stack([np.gradient(values, at) for values in line])
+    ahead = (x - line[0, nearest]) * heading[0, nearest] + (y - line[1, nearest]) * heading[1, nearest]
+    return np.asarray(at[nearest] + ahead)
+
+
+def _meetings(seen: _Seen) -> list[Meeting]:
+    """Find for each right turn over a crosswalk the person nearest in time."""
+    found = []
+    for vehicle in seen.tracks:
+        if vehicle.person or seen.site.routes[vehicle.route].turn != "right":
+            continue
+        nearest: Meeting | None = None
+        for person in seen.tracks:
+            zone = seen.zones[vehicle.route, person.route, 0]
+            if not person.person or zone["kind"] != CROSS:
+                continue
+            here, there = 0.5 * (zone["begin"] + zone["end"]), 0.5 * (zone["other_begin"] + zone["other_end"])
+            times = [
+                one.when(place + side * 0.5 * one.length)
+                for one, place in ((vehicle, here), (person, there)) for side in (-1, 1)
+            ]  # fmt: skip
+            if np.isnan(times).any():
+                continue
+            apart = times[0] - times[3] if times[3] <= times[0] else min(times[1] - times[2], 0.0)
+            if abs(apart) < _LONGEST and (nearest is None or abs(apart) < abs(nearest.seconds)):
+                nearest = Meeting(apart, seen.walk(person.route, times[2]))
+        if nearest is not None:
+            found.append(nearest)
+    return found
+
+
+def _oncoming(seen: _Seen, route: int) -> list[int]:
+    """Give the routes straight on, or to the right, to which a left turn yields on the same green."""
+    rows = seen.zones[route, :, 0]
+    return [
+        k for k, other in enumerate(seen.site.routes)
+        if rows[k]["kind"] == CROSS and rows[k]["yields"] and not rows[k]["goes_first"] and other.turn == "straight"
+        and any(_green(phase.states, route, seen) and _green(phase.states, k, seen) for phase in seen.site.programme)
+    ]  # fmt: skip
+
+
+def _green(states: str, route: int, seen: _Seen) -> bool:
+    return states[seen.site.routes[route].signal] in "gG"
+
+
+def _turns(seen: _Seen) -> tuple[list[Turn], list[float]]:
+    """Find left turns that waited for a gap, and the times between two that go in one gap."""
+    turns, follow_up = [], []
+    routes = {t.route for t in seen.tracks if seen.site.routes[t.route].turn == "left" and not t.person}
+    for route in routes:
+        oncoming = _oncoming(seen, route)
+        if not oncoming:
+            continue
+        zones = seen.zones[route, oncoming, 0]
+        enter = float(zones["begin"].min())
+        others = [t for t in seen.tracks + seen.av if t.route in oncoming]
+        passed = np.sort([t.when(seen.zones[route, t.route, 0]["other_begin"]) for t in others])
+        passed = passed[~np.isnan(passed)]
+        ours = sorted(((t.when(enter + 0.5), t) for t in seen.tracks if t.route == route), key=lambda pair: pair[0])
+        for n, (entered, one) in enumerate(ours):
+            ready = one.when(enter - _NEAR)
+            if np.isnan(entered) or np.isnan(ready):
+                continue
+            waited = passed[(passed > ready) & (passed < entered)]
+            if waited.size == 0 or seen.light(route, entered) < 2 or seen.light(route, waited[0]) < 2:
+                continue
+            after = passed[passed >= entered]
+            if after.size == 0 and seen.seconds - waited[-1] < _GAP_ENDS:
+                continue
+            ends = float(after[0]) if after.size else np.inf
+            turns.append(Turn(float(np.diff(waited).max(initial=0.0)), min(ends - float(waited[-1]), _GAP_ENDS)))
+            for then, follower in ours[n + 1 : n + 2]:
+                place, speed = follower.at(entered)
+                if then < ends and enter - place < _QUEUED and speed < _NEAR:
+                    follow_up.append(then - entered)
+    return turns, follow_up
+
+
+def _kerbs(seen: _Seen) -> list[Kerb]:
+    """Find people that came on don't walk, and were there, or could have been, until walk."""
+    found = []
+    step = 0.5
+    for person in seen.tracks:
+        came = person.begin * FRAME_S
+        if not person.person or person.begin == 0 or seen.walk(person.route, came) != 0:
+            continue
+        walks = next((t for t in np.arange(came, seen.seconds, step) if seen.walk(person.route, t) == 2), None)
+        left = person.when(0.1)
+        if walks is None or (np.isnan(left) and walks > seen.seconds - 2.0):
+            continue
+        vehicles = 0
+        for other in seen.tracks + seen.av:
+            zone = seen.zones[person.route, other.route, 0]
+            if not other.person and zone["kind"] == CROSS:
+                vehicles += bool(came <= other.when(zone["other_begin"] - longer(other.length, False)) < came + 10.0)
+        found.append(Kerb(bool(left < walks) and seen.walk(person.route, left) == 0, vehicles))
+    return found
+
+
+def _walks(seen: _Seen) -> list[float]:
+    """Speeds of people that walked from kerb to kerb [m/s]."""
+    found = []
+    for person in seen.tracks:
+        if person.person and person.s[0] < 0.1:
+            length = seen.site.routes[person.route].length
+            begin, end = person.when(0.1), person.when(length - 2.0)
+            if end > begin:
+                found.append((length - 2.1) / (end - begin))
+    return found
+
+
+def crash_kinds(scenario: Scenario) -> list[str]:
+    """Say of each crash between others than the AV in a recording of which kind it is (`CRASH_KINDS`).
+
+    Two that are in touch and gone a tenth of a second later have crashed.
+
+    Raises:
+        InputError: The recording is none of a site.
+    """
+    if scenario.odd.site is None:
+        raise InputError("These are crashes at sites; the recording is of a road.")
+    found = []
+    there = scenario.present
+    for frame in range(len(there) - 1):
+        gone = [k for k in np.flatnonzero(there[frame] & ~there[frame + 1]) if scenario.slot[k] != 0]
+        taken: set[int] = set()
+        for n, a in enumerate(gone):
+            near = [
+                b for b in gone[n + 1 :] if b not in taken and a not in taken
+                and np.hypot(scenario.x[frame, a] - scenario.x[frame, b], scenario.y[frame, a] - scenario.y[frame, b]) < _TOUCH
+            ]  # fmt: skip
+            if near:
+                b = min(
+                    near,
+                    key=lambda b, a=a: np.hypot(
+                        *(scenario.x[frame, [a, b]] @ [1, -1], scenario.y[frame, [a, b]] @ [1, -1])
+                    ),
+                )  # type: ignore[misc]
+                taken |= {a, b}
+                found.append(_kind(scenario, frame, int(a), int(b)))
+    return found
+
+
+def _kind(scenario: Scenario, frame: int, a: int, b: int) -> str:
+    site = scenario.odd.site
+    assert site is not None
+    turns = [site.routes[scenario.target_lane[frame, k]].turn for k in (a, b)]
+    for person, vehicle in ((a, 1), (b, 0)):
+        if scenario.kind[person] == PERSON:
+            return (
+                f"pedestrian, {turns[vehicle]} turn" if turns[vehicle] in ("left", "right") else "pedestrian, straight"
+            )
+    heading = scenario.heading[frame]
+    apart = abs((heading[a] - heading[b] + np.pi) % (2.0 * np.pi) - np.pi)
+    if apart < np.pi / 6.0:
+        dx, dy = scenario.x[frame, b] - scenario.x[frame, a], scenario.y[frame, b] - scenario.y[frame, a]
+        aside = abs(-dx * np.sin(heading[a]) + dy * np.cos(heading[a]))
+        return "rear-end" if aside < 0.5 * (scenario.width[a] + scenario.width[b]) * 0.75 else "side-swipe"
+    return "left turn across" if "left" in turns and apart > np.pi / 2.0 else "angle"
