@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -138,7 +139,7 @@ def test_a_trace_holds_people_lanes_and_lights(case: OutCase, tmp_path: Path) ->
             assert light.classification.mode == (4 if flashes else 3)
 
 
-def messages(content: bytes) -> list[object]:
+def messages(content: bytes) -> list[Any]:
     made, found, at = message_class(GROUND_TRUTH), [], 0
     while at < len(content):
         size = int.from_bytes(content[at : at + 4], "little")
@@ -157,7 +158,7 @@ def test_commonroad_holds_lanelets_lights_and_people(case: OutCase, tmp_path: Pa
     assert len(ids) == len(lanes)
     refs = {element.get("ref") for kind in ("predecessor", "successor") for element in root.iter(kind)}
     assert refs < ids
-    walkers = sum(scenario.present[:, scenario.kind == PERSON].any(axis=0))
+    walkers = int(scenario.present[:, scenario.kind == PERSON].any(axis=0).sum())
     assert sum(one.findtext("type") == "pedestrian" for one in root.findall("dynamicObstacle")) == walkers > 0
     assert len(root.findall("intersection/incoming")) == sum(lane.part == "approach" for lane in lanes)
     lights = {light.get("id"): light for light in root.findall("trafficLight")}

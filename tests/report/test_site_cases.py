@@ -97,7 +97,7 @@ def test_lights_show_what_drivers_and_people_see(site: Site) -> None:
     for k, route in enumerate(site.routes):
         seen = walk_letter if route.turn == "walk" else letter_at
         shown = letters_over(site, k, times)
-        expected = [seen.py_func(numbers, k, time) for time in times.tolist()]
+        expected = [seen.py_func(numbers, k, time) for time in times.tolist()]  # type: ignore[attr-defined]
         assert [names[letter] for letter in shown.tolist()] == expected, route.name
     told = changes_of(site, 3.0, 400, FRAME_S)
     for light, changes in zip(site_surface(site).lights, told, strict=True):
@@ -148,8 +148,11 @@ def test_time_to_collision_in_the_plane_ends_in_the_contact(drives: list[Scenari
     least = math.inf
     for step in range(400):  # driven out in steps of 10 ms
         moved = [
-            Box(*(place + 0.01 * step * speed[c] * np.array([np.cos(heading[c]), np.sin(heading[c])])), heading[c],
-                crash.length[c], crash.width[c])
+            Box(
+                float(place[0] + 0.01 * step * speed[c] * np.cos(heading[c])),
+                float(place[1] + 0.01 * step * speed[c] * np.sin(heading[c])),
+                heading[c], crash.length[c], crash.width[c],
+            )
             for place, c in zip(ahead, (0, crash.partner), strict=True)
         ]  # fmt: skip
         if boxes_overlap(*moved):

@@ -39,7 +39,7 @@ def clock_in(scenario: Scenario) -> float:
     return clock_of(scenario.odd.site, scenario.seed, scenario.test)
 
 
-def letters_over(site: Site, route: int, times: NDArray[np.float64]) -> NDArray[np.str_]:
+def letters_over(site: Site, route: int, times: NDArray[np.floating]) -> NDArray[np.str_]:
     """Look up the light of a route at times of the programme [s]: G, g, y or r, (T,); G without a signal.
 
     Of people G is Walk, y a flashing Don't Walk.
@@ -50,7 +50,7 @@ def letters_over(site: Site, route: int, times: NDArray[np.float64]) -> NDArray[
     letters = np.array([phase.states[one.signal] for phase in site.programme])
     ends = np.cumsum([phase.seconds for phase in site.programme])
 
-    def at(moments: NDArray[np.float64]) -> NDArray[np.str_]:
+    def at(moments: NDArray[np.floating]) -> NDArray[np.str_]:
         return np.asarray(letters[np.searchsorted(ends[:-1], moments % ends[-1], side="right")])
 
     shown = at(times)

@@ -156,7 +156,7 @@ def _pieces(scenario: Scenario, facts: dict[str, Fact], *, with_av: bool, date: 
         ends = float(along.min()) - _BEHIND, float(along.max()) + _AHEAD
         for lane in range(road.n_lanes):
             yield _lanelet(lane, road.n_lanes, road.lane_width, ends)
-        goals = range(1, 1 + road.n_lanes)
+        goals = list(range(1, 1 + road.n_lanes))
     else:
         yield from site.lanelets
         yield from site.lights

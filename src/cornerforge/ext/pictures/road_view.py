@@ -308,7 +308,7 @@ class RoadView:
 
 
 class _SiteLines:
-    """What is drawn of a site: asphalt, lines and lights."""
+    """Asphalt, lines and lights of a site, as they are drawn."""
 
     def __init__(self, scenario: Scenario, site: Site, look: Look) -> None:
         found = site_surface(site)
