@@ -167,7 +167,8 @@ class _ForAll(Driver):
         super().__init__(av)
         self.form = getattr(av, "answers", "lane")
         at_site = self.form == AT_SITES
-        self._columns, self._scenes = (site_scene.COLUMNS, SiteScenes) if at_site else (len(COLUMNS), Scenes)
+        self._columns = site_scene.COLUMNS if at_site else len(COLUMNS)
+        self._scenes: Any = SiteScenes if at_site else Scenes
         objects = getattr(av, "objects", site_scene.AGENTS if at_site else NEAREST)
         self.history = getattr(av, "history", 0)
         if self.form not in ANSWERS:

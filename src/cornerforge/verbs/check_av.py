@@ -21,7 +21,6 @@ from cornerforge.experiment.setting import experiment, road_of
 from cornerforge.foreign.answers import controller_of
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.edge_cases import trials_of
-from cornerforge.foreign.interface import AT_SITES
 from cornerforge.foreign.named_avs import remember
 from cornerforge.foreign.pace import announce
 from cornerforge.foreign.process import AvFailureError
@@ -66,7 +65,7 @@ class _Bench:
 
     def __init__(self, av: ForeignAv) -> None:
         self._av, self.pace, self.log = av, av.pace, av.log
-        self.trials = trials_of(av.odd)
+        self.trials, self.at_site = trials_of(av.odd), av.odd.site is not None
         self.few, self.many, self.hangs = _BATCH, _MANY, 0
         self._session: AvSession | None = None
         self._loading = 0.0
@@ -255,7 +254,7 @@ def _try_edge_case(bench: _Bench, name: str, given: list[float]) -> None:
         steers = controller_of(bench.about["form"]) == controllers.STEERED
         order = 0.0 if steers else float(answer[1])
         text = f"{answer[0]:.2f} m/s2"
-        if bench.about["form"] != AT_SITES:
+        if not bench.at_site:
             text += f", curvature {answer[1]:+.4f} /m" if steers else f", lane order {order:+.0f}"
         doubt = bench.trials.doubt(name, float(answer[0]), order)
         beyond = "" if -8.0 <= answer[0] <= 2.0 else "; commands are cut to -8 to 2 m/s2"

@@ -123,7 +123,9 @@ def _creeping(w: World) -> float:
     """Compute the acceleration with which the AV edges on into the way of the one that it waits for [m/s2]."""
     own, speed = w.agents[0], w.vehicles[0].speed
     room = w.agents[own.for_whom].begins + _NOSE - longer(w.vehicles[0].length, False) - own.s
-    return max(own.stops, min(own.free, min(_CREEPS, math.sqrt(2.0 * _CREEP_BRAKES * max(room, 0.0))) - speed))
+    wanted = min(_CREEPS, math.sqrt(2.0 * _CREEP_BRAKES * max(room, 0.0))) - speed
+    command: float = max(own.stops, min(own.free, wanted))
+    return command
 
 
 @shared_kernel
@@ -137,6 +139,7 @@ def junction_av_decides(w: World, substep: int, road: RoadNumbers, av: AvNumbers
     seconds = seconds_of(w) - (1.0 if substep > 0 else 0.0) + substep * FRAME_S
     clock = w.state[0].clock + seconds
     look_as_driver(w, 0, clock, substep == 0, road.site)
+    command: float = own.stops
     if own.chooses and own.goes >= _TAKES:
         own.cleared = max(own.cleared, own.until)
         command = own.free
@@ -144,8 +147,6 @@ def junction_av_decides(w: World, substep: int, road: RoadNumbers, av: AvNumbers
         command = own.free
     elif av.junction.creeps and own.for_whom != NO_VEHICLE:
         return _creeping(w)
-    else:
-        command = own.stops
     if av.junction.rss:
         command = min(command, max(-av.hardest_braking, _rss_bound(w, clock, road.site, av.rss)))
     return command

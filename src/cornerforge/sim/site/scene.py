@@ -46,8 +46,9 @@ SITE_COLUMNS = PRIORITY + 1
 def seconds_within(w: World) -> float:
     """Compute the time since the start of the test [s], in tenths of a second."""
     state = w.state[0]
-    second = state.decisions if state.substep == 0 else state.decisions - 1
-    return second + FRAME_S * state.substep
+    second: int = state.decisions if state.substep == 0 else state.decisions - 1
+    seconds: float = second + FRAME_S * state.substep
+    return seconds
 
 
 @kernel
