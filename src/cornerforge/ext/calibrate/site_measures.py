@@ -310,21 +310,14 @@ def crash_kinds(scenario: Scenario) -> list[str]:
     there = scenario.present
     for frame in range(len(there) - 1):
         gone = [k for k in np.flatnonzero(there[frame] & ~there[frame + 1]) if scenario.slot[k] != 0]
-        taken: set[int] = set()
-        for n, a in enumerate(gone):
-            near = [
-                b for b in gone[n + 1 :] if b not in taken and a not in taken
-                and np.hypot(scenario.x[frame, a] - scenario.x[frame, b], scenario.y[frame, a] - scenario.y[frame, b]) < _TOUCH
-            ]  # fmt: skip
-            if near:
-                b = min(
-                    near,
-                    key=lambda b, a=a: np.hypot(
-                        *(scenario.x[frame, [a, b]] @ [1, -1], scenario.y[frame, [a, b]] @ [1, -1])
-                    ),
-                )  # type: ignore[misc]
-                taken |= {a, b}
-                found.append(_kind(scenario, frame, int(a), int(b)))
+        x, y = scenario.x[frame, gone], scenario.y[frame, gone]
+        while len(gone) > 1:
+            away = np.hypot(x - x[0], y - y[0])
+            other = 1 + int(away[1:].argmin())
+            if away[other] < _TOUCH:
+                found.append(_kind(scenario, frame, int(gone[0]), int(gone[other])))
+            left = [n for n in range(1, len(gone)) if n != other or away[other] >= _TOUCH]
+            gone, x, y = [gone[n] for n in left], x[left], y[left]
     return found
 
 
