@@ -16,7 +16,7 @@ from cornerforge.sim.site.look import look_as_driver, seconds_of
 from cornerforge.sim.site.people import look_as_walker
 from cornerforge.sim.steering import steer
 from cornerforge.sim.world import COMES, GONE, HERE, moment_of
-from cornerforge.site.tables import mapped, pose_at, speed_at
+from cornerforge.site.tables import CROSS, longer, mapped, pose_at, speed_at
 from cornerforge.types import FRAME_S, PERSON, SUBSTEPS
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from cornerforge.sim.outcome import UNDRAWN
 from cornerforge.sim.site.look import OBEYS, TURNS_ON_RED, WARM_STEP
 from cornerforge.sim.site.second import bring_in, find_pairs_at_site, warm_second
 from cornerforge.sim.world import COMES, GONE, HERE, NO_ACTION, NO_VEHICLE, list_all
-from cornerforge.site.tables import WALK, WARM_UP, longer, mapped, pose_at, speed_at
 from cornerforge.site.laws import WALK_SHARES
+from cornerforge.site.tables import WALK, WARM_UP, longer, mapped, pose_at, speed_at
 from cornerforge.types import CAR, CLASSES, PERSON, TRUCK
 
 if TYPE_CHECKING:
