@@ -299,7 +299,7 @@ def _walks(seen: _Seen) -> list[float]:
 def crash_kinds(scenario: Scenario) -> list[str]:
     """Say of each crash between others than the AV in a recording of which kind it is (`CRASH_KINDS`).
 
-    Two that are in touch and gone a tenth of a second later have crashed.
+    Two that are near and gone a tenth of a second later, and not at the ends of their routes, have crashed.
 
     Raises:
         InputError: The recording is none of a site.
@@ -309,7 +309,10 @@ def crash_kinds(scenario: Scenario) -> list[str]:
     found = []
     there = scenario.present
     for frame in range(len(there) - 1):
-        gone = [k for k in np.flatnonzero(there[frame] & ~there[frame + 1]) if scenario.slot[k] != 0]
+        gone = [
+            k for k in np.flatnonzero(there[frame] & ~there[frame + 1])
+            if scenario.slot[k] != 0 and not _at_end(scenario, frame, int(k))
+        ]  # fmt: skip
         x, y = scenario.x[frame, gone], scenario.y[frame, gone]
         while len(gone) > 1:
             away = np.hypot(x - x[0], y - y[0])
@@ -319,6 +322,14 @@ def crash_kinds(scenario: Scenario) -> list[str]:
             left = [n for n in range(1, len(gone)) if n != other or away[other] >= _TOUCH]
             gone, x, y = [gone[n] for n in left], x[left], y[left]
     return found
+
+
+def _at_end(scenario: Scenario, frame: int, k: int) -> bool:
+    site = scenario.odd.site
+    assert site is not None
+    x, y = site.routes[scenario.target_lane[frame, k]].line[-1]
+    away = np.hypot(scenario.x[frame, k] - x, scenario.y[frame, k] - y)
+    return bool(away <= scenario.speed[frame, k] * FRAME_S + 0.5)
 
 
 def _kind(scenario: Scenario, frame: int, a: int, b: int) -> str:

@@ -169,6 +169,7 @@ def held_then_stops_within(speed: float, now: float, command: float) -> float:
         if command > -0.1:
             return 0.3 * speed + 0.5 * max(command, 0.0) + stops_within(max(command, 0.0), command)
         late = max(change, 0.0)
+        speed += 0.5 * max(now, 0.0) * max(now, 0.0) * _RAMP_TIME  # it goes faster first
         return speed * (late * late * _RAMP_TIME + speed) / (-2.0 * command)
     return speed + 0.5 * command + gained * (1.0 - ramp / 3.0) + stops_within(after, command)
 
