@@ -34,7 +34,7 @@ def at(site: str) -> Experiment:
 
 
 def test_the_way_to_a_stop_is_bounded_closely() -> None:
-    """Driven out by the motion of the simulator: never farther than said, and hardly less far."""
+    """Driven out by the motion of the simulator: never farther than said, and hardly less far unless it was braking."""
     road = at("mcity-signal").setting.road
     for speed in (0.0, 0.3, 1.0, 3.0, 6.0, 9.0):
         for now in (-8.0, -4.9, -1.0, 0.0, 2.0):
@@ -47,7 +47,7 @@ def test_the_way_to_a_stop_is_bounded_closely() -> None:
                 driven = way + top + sum(go_on(after, held, HARDEST, 5.0, road)[:2])
                 said = held_then_stops_within(speed, now, command)
                 assert driven <= said + 1e-9, (speed, now, command)
-                assert said <= driven + 1.0, (speed, now, command)
+                assert now < 0.0 or said <= driven + 1.0, (speed, now, command)
 
 
 @pytest.mark.parametrize("pair", [(3, 5), (3, 7), (3, 14), (1, 3), (0, 11)])

@@ -426,8 +426,17 @@ def _surely_passes(w: World, j: int, to_other: float, leaves: float) -> bool:
 
 @inlined_kernel
 def _stays_able(
-    w: World, i: int, j: int, zone: Any, meeting: int, to_zone: float, to_other: float, leaves: float, fresh: bool,
-    clock: float, site: NDArray[np.void],
+    w: World,
+    i: int,
+    j: int,
+    zone: Any,
+    meeting: int,
+    to_zone: float,
+    to_other: float,
+    leaves: float,
+    fresh: bool,
+    clock: float,
+    site: NDArray[np.void],
 ) -> bool:
     """Keep slot i able to stop before a zone that slot j goes first through.
 
