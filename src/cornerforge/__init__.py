@@ -51,7 +51,8 @@ __all__ = [
     "generate", "import_cases", "init", "make_report", "migrate", "ndd_fit", "ndd_import", "ndd_show", "ndd_validate",
     "plausibility", "query", "r157", "rate", "read_case_file", "replay", "reproduce", "retest", "road_check",
     "road_import", "road_show", "run", "serve", "shrink", "simulate", "site_check", "site_fit", "site_import",
-    "site_show", "site_validate", "suite_build", "suite_run", "train", "train_av", "variety", "verify", "write_case_file",
+    "site_show", "site_validate", "suite_build", "suite_run", "train", "train_av", "variety", "verify",
+    "write_case_file",
 ]  # fmt: skip
 
 __version__ = "0.1.0"

@@ -85,7 +85,8 @@ _PLACES = {
     "cases": ("Plausibility", "Queried", "Replayed", "ShrunkLibrary", "Varied"),
     "driving": ("Filled", "NaturalRate", "Simulated"), "imported": ("CasesFromData", "ImportedCases"),
     "learning": ("Trained", "TrainedAv"), "naturalistic": ("NddFitted", "NddImported", "NddShown"),
-    "r157": ("Regulated",), "roads": ("RoadTold",), "site_laws": ("SiteFitted", "SiteValidated"), "sites": ("SiteTold",),
+    "r157": ("Regulated",), "roads": ("RoadTold",), "site_laws": ("SiteFitted", "SiteValidated"),
+    "sites": ("SiteTold",),
     "reproduction": ("Reproduced",), "retest": ("Retested",),
     "stating": ("as_json", "from_json"), "suite": ("SuiteBuilt",), "validation": ("NddValidated",),
     "whole": (

@@ -250,7 +250,7 @@ def _inside(stretch: tuple[float, float], route: Route) -> tuple[float, float]:
     """Shorten a stretch of trucks by what their ends reach farther; that of a person's route stays."""
     if route.turn == "walk":
         return stretch
-    more = 0.5 * (_LONGEST - _BODY)
+    more = 0.5 * (_LONGEST - _BODY) - _FREE  # in a bend, a car is not where the middle of a truck is
     begin = stretch[0] + more if stretch[0] > 0.0 else 0.0
     end = stretch[1] - more if stretch[1] < route.length else stretch[1]
     return begin, max(begin, end)

@@ -299,7 +299,7 @@ def _walks(seen: _Seen) -> list[float]:
 def crash_kinds(scenario: Scenario) -> list[str]:
     """Say of each crash between others than the AV in a recording of which kind it is (`CRASH_KINDS`).
 
-    Two that are in touch and gone a tenth of a second later have crashed.
+    Two that are near and gone a tenth of a second later, and not at the ends of their routes, have crashed.
 
     Raises:
         InputError: The recording is none of a site.
@@ -309,23 +309,27 @@ def crash_kinds(scenario: Scenario) -> list[str]:
     found = []
     there = scenario.present
     for frame in range(len(there) - 1):
-        gone = [k for k in np.flatnonzero(there[frame] & ~there[frame + 1]) if scenario.slot[k] != 0]
-        taken: set[int] = set()
-        for n, a in enumerate(gone):
-            near = [
-                b for b in gone[n + 1 :] if b not in taken and a not in taken
-                and np.hypot(scenario.x[frame, a] - scenario.x[frame, b], scenario.y[frame, a] - scenario.y[frame, b]) < _TOUCH
-            ]  # fmt: skip
-            if near:
-                b = min(
-                    near,
-                    key=lambda b, a=a: np.hypot(
-                        *(scenario.x[frame, [a, b]] @ [1, -1], scenario.y[frame, [a, b]] @ [1, -1])
-                    ),
-                )  # type: ignore[misc]
-                taken |= {a, b}
-                found.append(_kind(scenario, frame, int(a), int(b)))
+        gone = [
+            k for k in np.flatnonzero(there[frame] & ~there[frame + 1])
+            if scenario.slot[k] != 0 and not _at_end(scenario, frame, int(k))
+        ]  # fmt: skip
+        x, y = scenario.x[frame, gone], scenario.y[frame, gone]
+        while len(gone) > 1:
+            away = np.hypot(x - x[0], y - y[0])
+            other = 1 + int(away[1:].argmin())
+            if away[other] < _TOUCH:
+                found.append(_kind(scenario, frame, int(gone[0]), int(gone[other])))
+            left = [n for n in range(1, len(gone)) if n != other or away[other] >= _TOUCH]
+            gone, x, y = [gone[n] for n in left], x[left], y[left]
     return found
+
+
+def _at_end(scenario: Scenario, frame: int, k: int) -> bool:
+    site = scenario.odd.site
+    assert site is not None
+    x, y = site.routes[scenario.target_lane[frame, k]].line[-1]
+    away = np.hypot(scenario.x[frame, k] - x, scenario.y[frame, k] - y)
+    return bool(away <= scenario.speed[frame, k] * FRAME_S + 0.5)
 
 
 def _kind(scenario: Scenario, frame: int, a: int, b: int) -> str:

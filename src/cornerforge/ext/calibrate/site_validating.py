@@ -1,4 +1,4 @@
-"""`site validate`: what drivers and people do in tests at a site, beside the data and publications that they rest on."""
+"""`site validate`: what drivers and people do in tests at a site, beside the data and publications."""
 
 from __future__ import annotations
 
@@ -77,12 +77,13 @@ def site_validate(options: SiteValidate) -> SiteValidated:
         tally, _ = simulate_experiment(
             at(None, replace(laws, **ERRORS_OFF)), tests=options.tests, seed=options.seed, threads=options.threads
         )
+    crashes = tally.av_crashes + tally.bv_crashes
     bars = [
         *bars_of(people, tables),
         *_of_turns(turning),
         _bar(
-            "crashes, without errors", "", (tally.av_crashes + tally.bv_crashes, *poisson_interval(tally.av_crashes + tally.bv_crashes)),
-            tally.tests, None, "none in 1e6 tests", tally.av_crashes + tally.bv_crashes == 0,
+            "crashes, without errors", "", (crashes, *poisson_interval(crashes)), tally.tests, None, "none in 1e6 tests",
+            crashes == 0,
         ),
     ]  # fmt: skip
     return SiteValidated(
@@ -189,7 +190,8 @@ def _of_walks(seen: Measured, tables: Mapping[str, Table]) -> list[SiteBar]:
         )  # fmt: skip
         bars.append(
             _bar(
-                f"walking speed, {100 * q:.0f} % quantile", "m/s", found, n, (data.value, data.low, data.high), "within 10 %",
+                f"walking speed, {100 * q:.0f} % quantile", "m/s", found, n, (data.value, data.low, data.high),
+                "within 10 %",
                 None if n < _FEWEST else bool(abs(found[0] / data.value - 1.0) <= _WALKING),
             )
         )  # fmt: skip
@@ -214,8 +216,8 @@ def _of_turns(seen: Measured) -> list[SiteBar]:
         error = 1.96 * times.std(ddof=1) / np.sqrt(times.size)
         bars.append(
             _bar(
-                "follow-up headway of left turns, mean", "s", (times.mean(), times.mean() - error, times.mean() + error),
-                times.size, (_FOLLOW_UP,), "about this", None,
+                "follow-up headway of left turns, mean", "s",
+                (times.mean(), times.mean() - error, times.mean() + error), times.size, (_FOLLOW_UP,), "about this", None,
             )
         )  # fmt: skip
     return bars

@@ -169,13 +169,14 @@ def held_then_stops_within(speed: float, now: float, command: float) -> float:
         if command > -0.1:
             return 0.3 * speed + 0.5 * max(command, 0.0) + stops_within(max(command, 0.0), command)
         late = max(change, 0.0)
+        speed += 0.5 * max(now, 0.0) * max(now, 0.0) * _RAMP_TIME  # it goes faster first
         return speed * (late * late * _RAMP_TIME + speed) / (-2.0 * command)
     return speed + 0.5 * command + gained * (1.0 - ramp / 3.0) + stops_within(after, command)
 
 
 @kernel
 def _still_stops(speed: float, now: float, room: float, most: float) -> float:
-    """Find the largest acceleration, up to `most` [m/s2], after a second of which a vehicle can stop within `room` [m]."""
+    """Find the largest acceleration, up to `most` [m/s2], after a second of which one can stop within `room` [m]."""
     high = min(most, _STRONGEST)
     if held_then_stops_within(speed, now, high) <= room:
         return most
@@ -199,14 +200,15 @@ def _keep_room(w: World, i: int, room: float) -> None:
 
 
 @inlined_kernel
-def _follow(w: World, i: int, j: int, room: float, wanted: float, own: IdmNumbers, free: float) -> float:
+def _follow(w: World, i: int, j: int, room: float, least: float, own: IdmNumbers, free: float) -> float:
     """Bound the acceleration `free` of slot i behind slot j at a room [m], and note what is safe in `most` [m/s2].
 
-    Safe is what lets it stop behind slot j if that brakes now as hard as it can.
+    Safe is what lets it stop behind slot j if that brakes now as hard as it can, or within `least` [m], before their
+    ways meet.
     """
     me, lead = w.vehicles[i], w.vehicles[j]
-    _keep_room(w, i, room - _LEAVES + lead.speed * lead.speed / (2.0 * _HARDEST))
-    return min(free, idm_acceleration(me.speed, room, lead.speed - me.speed, own))
+    _keep_room(w, i, max(room - _LEAVES + lead.speed * lead.speed / (2.0 * _HARDEST), least))
+    return min(free, idm_acceleration(me.speed, max(room, least), lead.speed - me.speed, own))
 
 
 @kernel
@@ -292,9 +294,9 @@ def _kept_free(w: World, i: int, j: int, there: float, site: NDArray[np.void]) -
 
 @inlined_kernel
 def _arrival(
-    w: World, i: int, j: int, zone: Any, room: float, clock: float, on_red: bool, site: NDArray[np.void]
+    w: World, j: int, zone: Any, room: float, clock: float, on_red: bool, site: NDArray[np.void]
 ) -> tuple[int, float]:
-    """Say what slot i owes slot j, which has `room` [m] to their zone, and when that will be there [s].
+    """Say what another owes slot j, which has `room` [m] to their zone, and when that will be there [s].
 
     Returns:
         2: it must give way; 1: the other has to, and does not; 0: nothing. Time, +inf if the other will stop.
@@ -312,7 +314,7 @@ def _arrival(
     stopped = False
     if row.signal >= 0 and to_line > -_PAST_LINE:
         letter = letter_at(site, other.route, clock)
-        if letter == RED or letter == YELLOW:
+        if letter in (RED, YELLOW):
             if will_stop(speed, to_line):
                 return 0, np.inf
             stopped = True
@@ -338,8 +340,7 @@ def _critical_gap(w: World, i: int, j: int, kind: int, site: NDArray[np.void]) -
         usual = one.gap_right
     if kind == MERGE and one.route[own.route].signal < 0 and turn != _LEFT:
         usual = one.gap_enter
-    gap = usual * own.gaps
-    return gap
+    return usual * own.gaps
 
 
 @inlined_kernel
@@ -423,6 +424,64 @@ def _surely_passes(w: World, j: int, to_other: float, leaves: float) -> bool:
     return held_then_stops_within(other.speed, other.acceleration, _STRONGEST) <= to_other
 
 
+@inlined_kernel
+def _stays_able(
+    w: World,
+    i: int,
+    j: int,
+    zone: Any,
+    meeting: int,
+    to_zone: float,
+    to_other: float,
+    leaves: float,
+    fresh: bool,
+    clock: float,
+    site: NDArray[np.void],
+) -> bool:
+    """Keep slot i able to stop before a zone that slot j goes first through.
+
+    Returns:
+        It passes before slot j, a person, all the same.
+    """
+    other = w.agents[j]
+    first = goes_before(w, i, j, zone, to_zone, to_other, clock, site)
+    if i == 0 and fresh:
+        other.lets_av |= first << meeting
+    elif i == 0:
+        first = first and (other.lets_av >> meeting) & 1 != 0
+    if first:
+        return False
+    if _surely_passes(w, j, to_other, leaves):
+        passes: bool = w.vehicles[j].kind == PERSON
+        return passes
+    _keep_room(w, i, to_zone - _EDGE)
+    return False
+
+
+@inlined_kernel
+def _chooses(w: World, i: int, nearest: float, until: float, site: NDArray[np.void]) -> float:
+    """Let slot i choose, if it must now, whether to go through the zones from `nearest` to `until` along its route [m].
+
+    Returns:
+        Room to where it gives way [m].
+    """
+    one, me, own = site[0], w.vehicles[i], w.agents[i]
+    worst = _worst(w, i, until)
+    left: float = nearest - longer(me.length, False) - own.s - _MARGIN
+    now = (me.speed < 1.0 and left < _AT_LINE) or left - me.speed < 0.5 * me.speed * me.speed / one.stopping
+    if now and 0.5 * me.speed * me.speed <= _HARDEST * max(left, 0.1):
+        taken = sure(w.agents[worst].ratio, one.gap_error)
+        misses = one.overlooks_person if w.vehicles[worst].kind == PERSON else one.overlooks_vehicle
+        if own.heeds == worst:
+            misses = 0.0
+        own.chooses = 1
+        own.goes = taken + (1.0 - taken) * misses
+        own.for_whom = worst
+        own.until = until
+        own.unseen = 1 if taken < misses else 0
+    return left
+
+
 @kernel
 def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np.void]) -> None:
     """Let the driver of slot i look around.
@@ -473,7 +532,7 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
         half = 0.5 * (me.length + v[j].length)
         if other.route == own.route:
             if other.s > place or (other.s == place and j < i):
-                free = _follow(w, i, j, other.s - place - half, wanted, idm, free)
+                free = _follow(w, i, j, other.s - place - half, -1.0, idm, free)
                 room = min(room, _kept_free(w, i, j, other.s, site))
                 reach = min(reach, other.s - half + v[j].speed * v[j].speed / (2.0 * _HARDEST))
             continue
@@ -490,10 +549,10 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
             if to_other <= 0.0 and zone.kind != CROSS:
                 there = mapped(zone, other.s)
                 if to_zone >= 0.0 or there > place or (there == place and j < i):
-                    ahead = max(there - place - half, to_zone)
-                    free = _follow(w, i, j, ahead, wanted, idm, free)
+                    ahead = there - place - half
+                    free = _follow(w, i, j, ahead, to_zone - _EDGE, idm, free)
                     room = min(room, _kept_free(w, i, j, there, site))
-                    reach = min(reach, place + ahead + v[j].speed * v[j].speed / (2.0 * _HARDEST))
+                    reach = min(reach, place + max(ahead, to_zone) + v[j].speed * v[j].speed / (2.0 * _HARDEST))
                 continue
             if zone.kind == DIVERGE or zone.kind == SHARED:
                 continue
@@ -506,24 +565,17 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
             enters = _time_to(to_zone, speed, wanted, strength)
             leaves = enters + (end - place - to_zone) / max(speed, 2.0)
             crossing = zone.other_end + theirs - other.s
-            if span > to_zone - _EDGE:
-                first = goes_before(w, i, j, zone, to_zone, to_other, clock, site)
-                if i == 0 and fresh:
-                    other.lets_av |= first << meeting
-                elif i == 0:
-                    first = first and (other.lets_av >> meeting) & 1 != 0
-                if not first:
-                    if not _surely_passes(w, j, to_other, leaves):
-                        _keep_room(w, i, to_zone - _EDGE)
-                    elif v[j].kind == PERSON:
-                        waits_from, waits_to = min(waits_from, to_zone - _EDGE), min(waits_to, end)
+            if span > to_zone - _EDGE and _stays_able(
+                w, i, j, zone, meeting, to_zone, to_other, leaves, fresh, clock, site
+            ):
+                waits_from, waits_to = min(waits_from, to_zone - _EDGE), min(waits_to, end)
             if to_other <= 0.0:
                 if enters < crossing / max(v[j].speed, 0.3) + _MARGIN:
                     own.most = min(own.most, _to_stop(speed, to_zone - _MARGIN, one.stopping))
                 continue
             if speed < _UNDER_WAY and inside and v[j].kind != PERSON and stands_still(v[j]):
                 continue
-            owes, arrival = _arrival(w, i, j, zone, to_other, clock, on_red, site)
+            owes, arrival = _arrival(w, j, zone, to_other, clock, on_red, site)
             if owes == 0 and zone.yields == 0 and zone.goes_first == 0 and arrival < enters:
                 owes = 1
             if owes == 0 or arrival + (crossing - to_other) / max(v[j].speed, 1.0) + _MARGIN < enters:
@@ -543,20 +595,7 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
     if reach < waits_to:
         _keep_room(w, i, waits_from)
     if nearest < np.inf and not lit:
-        worst = _worst(w, i, until)
-        left = nearest - longer(me.length, False) - place - _MARGIN
-        now = (speed < 1.0 and left < _AT_LINE) or left - speed < 0.5 * speed * speed / one.stopping
-        room = min(room, left)
-        if now and 0.5 * speed * speed <= _HARDEST * max(left, 0.1):
-            taken = sure(agents[worst].ratio, one.gap_error)
-            misses = one.overlooks_person if v[worst].kind == PERSON else one.overlooks_vehicle
-            if own.heeds == worst:
-                misses = 0.0
-            own.chooses = 1
-            own.goes = taken + (1.0 - taken) * misses
-            own.for_whom = worst
-            own.until = until
-            own.unseen = 1 if taken < misses else 0
+        room = min(room, _chooses(w, i, nearest, until, site))
     own.free = min(free, own.most)
     own.stops = min(own.free, _to_stop(speed, room, one.stopping)) if room < np.inf else own.free
     if own.chooses == 0:

@@ -64,7 +64,7 @@ def look_as_walker(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
     waits = place <= AT_KERB
     light = walk_letter(site, own.route, clock)
     goes_first = row.signal >= 0 and light == GREEN
-    worst, threat, needed, blocked = np.inf, NO_VEHICLE, 0.0, False
+    worst, threat, needed, blocked, near = np.inf, NO_VEHICLE, 0.0, False, NO_VEHICLE
     for k in range(w.state[0].n_current):
         j = w.current[k]
         if v[j].kind == PERSON:
@@ -83,6 +83,8 @@ def look_as_walker(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
             enters, leaves = max(zone.begin - place, 0.0) / wished, (zone.end - place) / wished
             room = zone.other_begin - theirs - other.s
             speed = v[j].speed
+            if room <= 0.0:
+                near = j
             if place >= zone.begin and not waits:
                 blocked = blocked or (room <= 0.0 and room_before(w, i, j) < wished)
                 continue
@@ -105,7 +107,7 @@ def look_as_walker(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
     own.chooses = 1
     own.free = wished
     own.stops = 0.0
-    own.for_whom = threat
+    own.for_whom = threat if threat >= 0 else near
     own.until = row.length
     own.unseen = 0
     if blocked:

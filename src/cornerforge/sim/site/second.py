@@ -18,7 +18,7 @@ from cornerforge.sim.site.look import look_as_driver, seconds_of
 from cornerforge.sim.site.people import look_as_walker
 from cornerforge.sim.steering import steer
 from cornerforge.sim.world import COMES, GONE, HERE, NO_ACTION, moment_of
-from cornerforge.site.tables import mapped, pose_at, speed_at
+from cornerforge.site.tables import CROSS, longer, mapped, pose_at, speed_at
 from cornerforge.types import FRAME_S, N_ACTIONS, PERSON, SUBSTEPS
 
 if TYPE_CHECKING:
@@ -44,6 +44,8 @@ __all__ = [
 
 _ROOM, _COMFORTABLE = 3.0, 3.0
 """Room that a vehicle needs to come in behind another [m], and the braking with which it could stop then [m/s2]."""
+_CLOSE = 8.0
+"""A vehicle does not come while another has to pass a zone that lies nearer than this to where it begins [m]."""
 _SPURT = 4.0
 """More than any vehicle gains on its speed in a second by accelerating, and in the reach of its body [m]."""
 
@@ -123,6 +125,8 @@ def _room_at_start(w: World, i: int, site: NDArray[np.void]) -> tuple[float, flo
         ahead = agents[j].s
         if agents[j].route != route:
             zone = site[0].zone[route, agents[j].route, 0]
+            if zone.kind == CROSS and zone.begin < _CLOSE and agents[j].s <= zone.other_end + longer(v[j].length, False):
+                return 0.0, 0.0
             if zone.kind == 0 or zone.begin > 0.0 or agents[j].s > zone.other_end:
                 continue
             ahead = mapped(zone, agents[j].s)

@@ -1,0 +1,74 @@
+"""`site validate`: what is measured in recordings, and how it is held against data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cornerforge
+from cornerforge.experiment.setting import experiment
+from cornerforge.ext.calibrate.site_data import read_site_data
+from cornerforge.ext.calibrate.site_measures import CRASH_KINDS, Kerb, Measured, Meeting, crash_kinds, measures
+from cornerforge.ext.calibrate.site_validating import bars_of, site_did_not_pass, site_validation_text
+from cornerforge.world_options import WorldOptions
+
+pytestmark = pytest.mark.filterwarnings("ignore:Site")
+
+
+def folder(path: Path) -> Path:
+    """Write 40 encounters at 8 signals, of which the vehicle goes first in half, 2 or 6 s apart."""
+    rows = ["encroachment_time,signal.id,pedcp_ped,ped.reaction"]
+    rows += [f"{(-2, 2, -6, 6)[k % 4]},s{k % 8 // 2},{('Walk', 'FDW', 'SDW')[k % 3]},None" for k in range(240)]
+    path.mkdir(exist_ok=True)
+    (path / "utah_right_turn_conflicts.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    return path
+
+
+def met(seconds: tuple[float, ...], n: int) -> Measured:
+    return Measured(meetings=[Meeting(seconds[k % len(seconds)], k % 3) for k in range(n)])
+
+
+def test_a_simulation_like_the_data_holds_and_another_misses(tmp_path: Path) -> None:
+    tables = read_site_data(folder(tmp_path / "data"))
+    like = {bar.measure: bar for bar in bars_of(met((-2.2, 1.8, -6.0, 6.3), 240), tables)}
+    assert all(bar.holds for bar in like.values())
+    assert like["vehicle first, Walk"].data == pytest.approx(0.5)
+    other = {bar.measure: bar.holds for bar in bars_of(met((1.0, 2.0, 2.9), 240), tables)}
+    assert other["vehicle first, Walk"] is False
+    assert other["encroachment time at most 3 s, of 10 s"] is False
+    few = bars_of(met((-2.0, 2.0), 12), tables)
+    assert all(bar.holds is None for bar in few)
+
+
+def test_people_are_measured_as_they_walk() -> None:
+    run = experiment(WorldOptions(site="mcity-signal", av="idm-yield", site_traffic="people=200"))
+    zones, recorder = run.setting.road.site[0]["zone"], run.recorder()
+    scenarios = [recorder.record(1, test) for test in range(12)]
+    seen = measures(scenarios, zones)
+    fastest = run.setting.road.site[0]["walks"][-1]
+    assert len(seen.walks) > 30 and 0.0 < min(seen.walks) and max(seen.walks) <= 1.05 * fastest
+    assert all(abs(meeting.seconds) < 10.5 and meeting.light in (0, 1, 2) for meeting in seen.meetings)
+    assert len(seen.kerbs) > 10 and all(isinstance(kerb, Kerb) for kerb in seen.kerbs)
+    again = measures(scenarios[:6], zones), measures(scenarios[6:], zones)
+    assert seen.walks == again[0].walks + again[1].walks
+
+
+def test_crashes_have_kinds_and_are_as_many_as_were_counted() -> None:
+    run = experiment(WorldOptions(site="mcity-signal", av="idm-yield", site_traffic="vehicles=500"))
+    out, _ = run.drive(run.setting, run.slots, 7, 0, 600, False)
+    recorder = run.recorder()
+    tests = np.flatnonzero((out.bv_crashes > 0) & (out.code != 2))
+    kinds = [crash_kinds(recorder.record(7, int(test))) for test in tests]
+    assert all(set(found) <= set(CRASH_KINDS) for found in kinds)
+    assert [len(found) for found in kinds] == out.bv_crashes[tests].tolist()
+
+
+@pytest.mark.full
+def test_the_verb_says_which_bars_hold(tmp_path: Path) -> None:
+    found = cornerforge.site_validate("mcity-signal", data=folder(tmp_path / "data"), recordings=5, tests=50)
+    text = site_validation_text(found)
+    assert text.splitlines()[-1] == ("Passed." if found.passed else "NOT passed.")
+    assert (site_did_not_pass(found) is None) == found.passed
+    assert all(bar.measure in text for bar in found.bars)
