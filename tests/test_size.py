@@ -10,8 +10,8 @@ SOURCE = Path(__file__).parents[1] / "src" / "cornerforge"
 TOP = "modules beside the folders"
 BUDGETS = {
     "adversary": 3_795, "analysis": 5_765, "cli": 1_265, "counterfactual": 1_590, "drivers": 1_725, "envs": 30,
-    "experiment": 1_490, "ext": 29_854, "foreign": 5_075, "library": 3_615, "metrics": 720,
-    "ndd": 830, "rates": 4_785, "report": 3_420, "results": 2_970, "road": 1_155, "sim": 9_025, "site": 585,
+    "experiment": 1_490, "ext": 31_330, "foreign": 5_075, "library": 3_615, "metrics": 720,
+    "ndd": 830, "rates": 4_785, "report": 3_420, "results": 3_025, "road": 1_155, "sim": 9_025, "site": 585,
     "verbs": 5_945, "work": 780, TOP: 5_340,
 }  # fmt: skip
 LONGEST = 640

@@ -108,8 +108,8 @@ class RoadOptions(_World):
     site_traffic: Annotated[
         str | None,
         meant(
-            "How many come to a site, such as vehicles=300,people=60,trucks=0.1 (an hour and lane, an hour and end of a "
-            "crosswalk, share).",
+            "How many come to a site, such as vehicles=300,people=60,trucks=0.1: an hour and lane, an hour and end of "
+            "a crosswalk, share.",
             metavar="WHAT",
         ),
     ] = None

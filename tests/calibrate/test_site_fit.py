@@ -151,12 +151,13 @@ def test_drivers_that_differ_are_told_from_those_that_do_not(tmp_path: Path) -> 
 
 def test_a_few_drivers_are_too_few(tmp_path: Path) -> None:
     street(tmp_path, 5)
-    tables = read_site_data(tmp_path)
+    tables, said = read_site_data(tmp_path), list[str]()
     assert fit_following(following_of(tables["ngsim_lankershim_clips"])) is None
     assert turning_of(tables["ngsim_lankershim_clips"]) is None
-    laws, result, _ = laws_of(tables, str)
+    laws, result, _ = laws_of(tables, said.append)
     assert laws.headway == PUBLISHED["headway"].value
     assert any("too few drivers" in note for note in result.notes)
+    assert said == ["ngsim_lankershim_clips"]
 
 
 def test_critical_gaps_come_back(seed: int) -> None:
@@ -345,5 +346,7 @@ def test_shipped_laws_are_what_the_command_makes(tmp_path: Path) -> None:
             low, high = fact.interval95
             assert 0.9 * low <= fact.stated <= 1.1 * high, fact.fact
     beside = "the same minus that of the fairly fitted IDM, these laws"
-    assert by_fact[beside].interval95[1] < 0.0
+    ends = by_fact[beside].interval95
+    assert ends is not None
+    assert ends[1] < 0.0
     assert words(read_site_data(DATA)["dut_pet_events"], "clip").size == by_fact["within 3 s of each other, the same"].n

@@ -10,8 +10,8 @@ import pytest
 
 import cornerforge
 from cornerforge.errors import DataError, InputError, UnknownNameError
-from cornerforge.ext.interchange.read_sumo import read_sumo
 from cornerforge.experiment.sites import read_site
+from cornerforge.ext.interchange.read_sumo import read_sumo
 from cornerforge.ext.interchange.sumo_site import site_of_sumo
 from cornerforge.ext.interchange.sumo_ways import id_of
 from cornerforge.ext.interchange.xml_input import read_xml

@@ -14,8 +14,8 @@ import pytest
 
 import cornerforge
 from cornerforge.errors import InputError
-from cornerforge.ext.interchange.read_sumo import read_sumo
 from cornerforge.experiment.sites import read_site
+from cornerforge.ext.interchange.read_sumo import read_sumo
 from cornerforge.ext.interchange.sumo_site import site_of_sumo
 from cornerforge.ext.interchange.sumo_ways import Chain, RightOfWay, chains_of, junction_of
 from cornerforge.ext.interchange.xml_input import read_xml

@@ -114,7 +114,7 @@ def test_every_contact_is_among_the_pairs_that_are_looked_at(model: NddModel, se
         scratch = allocate_scratch(v.size, NO_POLICY)
         bound_motion(world, 12.0, 10.0, scratch)
         find_pairs(world, road, scratch)
-        pairs = {(int(a), int(b)) for a, b in zip(world.pair_a[: state["n_pairs"]], world.pair_b, strict=False)}
+        pairs = {(int(a), int(b)) for a, b in world.pairs[: state["n_pairs"]]}
         away = float(rng.choice([-1.0, 1.0]))
         for substep in range(SUBSTEPS):
             steer_on(world, float(rng.uniform(-8, 2)), away * float(rng.uniform(0, 0.2)), road)

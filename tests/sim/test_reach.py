@@ -149,7 +149,7 @@ def test_no_pair_that_touches_is_missing_however_dense_the_traffic_is(model: Ndd
     bound_motion(world, 8.0, 2.0, scratch)
     find_pairs(world, road, scratch)
     n_pairs = int(world.state["n_pairs"][0])
-    listed = set(zip(world.pair_a[:n_pairs].tolist(), world.pair_b[:n_pairs].tolist(), strict=True))
+    listed = {(a, b) for a, b in world.pairs[:n_pairs].tolist()}
     assert len(listed) == n_pairs
     touching = set()
     for substep in range(SUBSTEPS):

@@ -173,7 +173,7 @@ def test_a_world_with_other_fields_is_refused_in_one_line(model: NddModel) -> No
     for wrong, text in (
         (packed(fewer), "other fields"),
         (packed(other_type), "other fields"),
-        (packed(world._replace(pair_a=np.zeros(8, dtype=np.int16))), "other fields"),
+        (packed(world._replace(pairs=np.zeros((8, 2), dtype=np.int16))), "other fields"),
         (packed(allocate_worlds(3, 10)), "several"),
         (cut(content), "other fields"),
         (with_head(content, lambda head: head["arrays"].pop("seen")), "other fields"),
@@ -210,14 +210,14 @@ def test_a_world_with_other_fields_is_refused_in_one_line(model: NddModel) -> No
         ("av.controls", np.nan),
         ("state.n_seen", 49),
         ("order", 49),
-        ("pair_b", -1),
+        ("pairs", -1),
         ("av.lead", 49),
         ("seen.y", np.nan),
     ],
 )
 def test_a_value_that_no_world_has_is_refused(model: NddModel, place: str, value: float) -> None:
     world = fresh_world(DRIVERS[0].setting(model, Odd(), "idm-mobil"), 0)
-    world.state["n_pairs"], world.pair_b[0] = 1, 1
+    world.state["n_pairs"], world.pairs[0] = 1, (0, 1)
     assert packed(unpacked(packed(world))) == packed(world)
     array, _, field = place.partition(".")
     values = world._asdict()[array]

@@ -238,7 +238,7 @@ def test_recording_changes_nothing(model: NddModel, seed: int) -> None:
         step(recorded, setting, test=test, frames=40)
     np.testing.assert_array_equal(silent.vehicles, recorded.vehicles)
     # Who is near the AV, and how many may touch, is noted otherwise where everybody is kept current.
-    notes = ("av", "pair_a", "pair_b")
+    notes = ("av", "pairs")
     silent.state["n_pairs"] = recorded.state["n_pairs"]
     arrays = recorded.arrays()
     assert set(notes) < set(arrays)

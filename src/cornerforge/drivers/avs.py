@@ -20,7 +20,9 @@ from cornerforge.drivers.rss import RssNumbers, RssParams
 from cornerforge.drivers.sight import Sight, SightNumbers, numbers_of_sight
 from cornerforge.errors import InputError, UnknownNameError
 
-__all__ = ["AVS", "AV_KINDS", "AvLaw", "AvModel", "AvNetwork", "AvNumbers", "av_hash", "av_named", "numbers_of_av"]
+__all__ = [
+    "AVS", "AV_KINDS", "SITE_AVS", "AvLaw", "AvModel", "AvNetwork", "AvNumbers", "av_hash", "av_named", "numbers_of_av",
+]  # fmt: skip
 
 
 class AvLaw(NamedTuple):
@@ -260,6 +262,8 @@ AVS: dict[str, AvModel] = {
     )
 }
 """All built-in AVs."""
+SITE_AVS = tuple(name for name, model in AVS.items() if model.kind == "junction")
+"""Names of those that drive at sites, and nowhere else."""
 
 
 class AvNumbers(NamedTuple):

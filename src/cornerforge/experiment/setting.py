@@ -11,7 +11,7 @@ from typing import Any
 
 from cornerforge._checks import check_in, check_number
 from cornerforge._schema import read
-from cornerforge.drivers.avs import AVS, AvModel, numbers_of_av
+from cornerforge.drivers.avs import SITE_AVS, AvModel, numbers_of_av
 from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError, UnknownNameError
@@ -191,8 +191,9 @@ def _check_at_site(av: AvModel, spec: AvSpec, driver: str, policies: Sequence[Po
             raise InputError(f"bv = {driver!r} drives at sites only; give site, or take one of {', '.join(here)}.")
         return
     if av.kind != "junction" and not spec.is_outside:
-        at_sites = ", ".join(name for name, one in AVS.items() if one.kind == "junction")
-        raise InputError(f"The AV {av.name} drives on roads only; at a site take one of {at_sites}, or your own.")
+        raise InputError(
+            f"The AV {av.name} drives on roads only; at a site take one of {', '.join(SITE_AVS)}, or your own."
+        )
     if driver not in ("nde", "policy", *here):
         raise InputError(f"bv = {driver!r} drives on roads only; at a site take nde, {', '.join(here)} or a policy.")
 

@@ -16,8 +16,11 @@ from cornerforge._doors import door
 if TYPE_CHECKING:
     from cornerforge.foreign.interface import Av, AvContext, Planner, PlannerForAll
     from cornerforge.foreign.scene import Box, Boxes, Scene, Scenes
+    from cornerforge.foreign.site_scene import Agent, SiteScene, SiteScenes
 
-__all__ = ["Av", "AvContext", "Box", "Boxes", "Planner", "PlannerForAll", "Scene", "Scenes"]
+__all__ = [
+    "Agent", "Av", "AvContext", "Box", "Boxes", "Planner", "PlannerForAll", "Scene", "Scenes", "SiteScene", "SiteScenes",
+]  # fmt: skip
 
 MODULES = (
     "answers", "av_log", "driver", "edge_cases", "interpreter", "loaders", "named_avs", "networks", "pace", "process",
@@ -28,5 +31,6 @@ MODULES = (
 __getattr__ = door(
     __name__,
     dict.fromkeys(("Av", "AvContext", "Planner", "PlannerForAll"), "interface")
-    | dict.fromkeys(("Box", "Boxes", "Scene", "Scenes"), "scene"),
+    | dict.fromkeys(("Box", "Boxes", "Scene", "Scenes"), "scene")
+    | dict.fromkeys(("Agent", "SiteScene", "SiteScenes"), "site_scene"),
 )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from cornerforge.foreign import tracking
+from cornerforge.foreign.interface import AT_SITES
 from cornerforge.foreign.scene import COLUMNS
 from cornerforge.sim import controllers
 from cornerforge.types import FRAME_S
@@ -47,7 +48,7 @@ class Carried(NamedTuple):
 
 def controller_of(form: str) -> int:
     """Find the code of `sim.controllers` for an AV that answers in a form."""
-    return controllers.OUTSIDE if form in ("view", "lane") else controllers.STEERED
+    return controllers.OUTSIDE if form in ("view", "lane", AT_SITES) else controllers.STEERED
 
 
 def carry_out(
@@ -62,10 +63,10 @@ def carry_out(
         views: What it saw.
         road: Constants.
     """
-    if form in ("view", "lane"):
+    if form in ("view", "lane", AT_SITES):
         order = given[:, 1]
         fine = np.isin(order, (-1.0, 0.0, 1.0)) & np.isfinite(given[:, 0])
-        return _with_faults(given.copy(), fine, UNUSABLE, failed)
+        return _with_faults(given.copy(), fine, _NOT_FINITE if form == AT_SITES else UNUSABLE, failed)
     steps = int(road.av_substeps)
     if form == "trajectory":
         answers, failed = _followed(given, failed, views, road, steps)

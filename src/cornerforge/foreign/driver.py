@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.errors import AvFaultError
+from cornerforge.errors import AvFaultError, InputError
 from cornerforge.foreign.answers import controller_of
 from cornerforge.foreign.av_log import AvLog
 from cornerforge.foreign.bulk import Fault, RangeOfTests
+from cornerforge.foreign.interface import AT_SITES
 from cornerforge.foreign.interpreter import AT_WORK
 from cornerforge.foreign.named_avs import remember
 from cornerforge.foreign.pace import MOST_WORLDS, Pace, choose_batch
@@ -42,6 +43,7 @@ MAX_FAULTS = 20
 MAX_HANGS = 5
 """Number of faults by hanging that ends a run."""
 _KEPT_SCRIPTS = 20_000
+_FORMS = {"view": "lane orders", "lane": "lane orders", "steering": "angles of its wheels", "trajectory": "trajectories"}
 
 
 class _Starter:
@@ -51,8 +53,8 @@ class _Starter:
         about: What the AV's first process said of it; None: there was none yet.
     """
 
-    def __init__(self, spec: AvSpec, pace: Pace, log: AvLog) -> None:
-        self._spec, self._pace, self._log = spec, pace, log
+    def __init__(self, spec: AvSpec, odd: Odd, pace: Pace, log: AvLog) -> None:
+        self._spec, self._odd, self._pace, self._log = spec, odd, pace, log
         self.about: dict[str, str] | None = None
 
     def __call__(self) -> AvProcess:
@@ -60,10 +62,14 @@ class _Starter:
 
         Raises:
             AvFaultError: It is another AV than before.
+            InputError: It drives on roads only and the tests are at a site, or the other way.
         """
         name, limits = self._spec.name, {"timeout": self._pace.timeout, "first_timeout": self._pace.first_timeout}
         how: dict[str, Any] = {"confines": self._spec.confines, "reading": self._spec.reading, **limits}
         process = AvProcess(name, pace=self._pace, log=self._log, **how)
+        if wrong := _in_the_wrong_place(name, process.about, self._odd):
+            process.close()
+            raise InputError(wrong)
         about, self.about = self.about, self.about or process.about
         if about is not None and process.about != about:
             process.close()
@@ -113,7 +119,7 @@ class ForeignAv:
         self.keeps_scripts = False
         self._scripts: OrderedDict[tuple[int, int], NDArray[np.float64]] = OrderedDict()
         self.log = AvLog()
-        self._start = _Starter(spec, self.pace, self.log)
+        self._start = _Starter(spec, odd, self.pace, self.log)
 
     # --- the AV, opened ---
 
@@ -402,6 +408,20 @@ class ForeignAv:
                 self._scripts.pop((seed, test), None)
             scripts.append(self.script(setting, slots, seed, test))
         return np.array_equal(scripts[0], scripts[1])
+
+
+def _in_the_wrong_place(name: str, about: dict[str, str], odd: Odd) -> str:
+    """Say why an AV cannot drive where the tests are, and what to do; "" if it can."""
+    drives_at_sites = about["form"] == AT_SITES
+    if odd.site is not None and not drives_at_sites:
+        return (
+            f"The AV {name} drives on roads only: it answers by {_FORMS.get(about['form'], about['form'])}. At a site, "
+            f"such as {odd.site.name}, an AV sees its path and answers by an acceleration along it: a class (or the hello "
+            f'of a program) that says answers = "{AT_SITES}"; see docs/site-avs.md and examples/junction_av.py.'
+        )
+    if odd.site is None and drives_at_sites:
+        return f"The AV {name} drives at sites only; give one, such as --site mcity-signal."
+    return ""
 
 
 def _some(about: dict[str, str]) -> str:

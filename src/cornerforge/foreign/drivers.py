@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cornerforge.foreign.interface import ANSWERS, NEAREST, VIEW_SHAPE, Av, AvContext, PlannerForAll
+from cornerforge.foreign import site_scene
+from cornerforge.foreign.interface import ANSWERS, AT_SITES, NEAREST, VIEW_SHAPE, Av, AvContext, PlannerForAll
 from cornerforge.foreign.scene import COLUMNS, Scenes
+from cornerforge.foreign.site_scene import SiteScenes
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -164,7 +166,9 @@ class _ForAll(Driver):
     def __init__(self, av: Any) -> None:
         super().__init__(av)
         self.form = getattr(av, "answers", "lane")
-        objects = getattr(av, "objects", NEAREST)
+        at_site = self.form == AT_SITES
+        self._columns, self._scenes = (site_scene.COLUMNS, SiteScenes) if at_site else (len(COLUMNS), Scenes)
+        objects = getattr(av, "objects", site_scene.AGENTS if at_site else NEAREST)
         self.history = getattr(av, "history", 0)
         if self.form not in ANSWERS:
             raise WrongAvError(f"its attribute answers is {self.form!r}; allowed: {', '.join(ANSWERS)}")
@@ -180,7 +184,7 @@ class _ForAll(Driver):
         self._before: list[NDArray[np.float64]] = []
 
     def seen(self, content: memoryview) -> NDArray[Any]:
-        return np.frombuffer(content, np.float64).reshape(self.context.batch, -1, len(COLUMNS))
+        return np.frombuffer(content, np.float64).reshape(self.context.batch, -1, self._columns)
 
     def reset(self, worlds: NDArray[np.int64], seeds: NDArray[np.int64]) -> None:
         for table in self._before:
@@ -188,28 +192,39 @@ class _ForAll(Driver):
         super().reset(worlds, seeds)
 
     def answer(self, seen: NDArray[np.float64]) -> NDArray[np.float64]:
-        before = tuple(Scenes(table, self.context) for table in self._before)
-        answer = self.decide(Scenes(seen, self.context, before))
+        before = tuple(self._scenes(table, self.context) for table in self._before)
+        answer = self.decide(self._scenes(seen, self.context, before))
         if self.history:
             self._before = [seen.copy(), *self._before[: self.history - 1]]
         return answer
 
-    def decide(self, scenes: Scenes) -> NDArray[np.float64]:
+    def decide(self, scenes: Any) -> NDArray[np.float64]:
         """Ask the AV."""
-        given = self.av.act(scenes)
+        return self._read(self.av.act(scenes), (self.context.batch,), "act")
+
+    def _read(self, given: Any, leading: tuple[int, ...], name: str) -> NDArray[np.float64]:
+        """Make of an answer what is sent, (*leading, 2) or (*leading, M, 5); of an acceleration a pair with 0.
+
+        Raises:
+            UnusableError: It is of another shape.
+        """
         if self.form == "trajectory":
-            return poses_of(given, (self.context.batch,), "act")
-        return numbers_of(given, (self.context.batch, 2))
+            return poses_of(given, leading, name)
+        if self.form == AT_SITES:
+            pairs = np.zeros((*leading, 2))
+            pairs[..., 0] = numbers_of(given, leading, name).reshape(leading)
+            return pairs
+        return numbers_of(given, (*leading, 2), name)
 
 
 class WorldDriver(_ForAll, ABC):
     """An AV of interface 2 whose answers come world by world, so that one may fail without the others."""
 
     @abstractmethod
-    def given(self, scenes: Scenes) -> dict[int, NDArray[np.float64]]:
+    def given(self, scenes: Any) -> dict[int, NDArray[np.float64]]:
         """Ask for the answers in the worlds that drive, (2,) or (M, 5); those that fail go into `failed`."""
 
-    def decide(self, scenes: Scenes) -> NDArray[np.float64]:
+    def decide(self, scenes: Any) -> NDArray[np.float64]:
         """Ask the AV; rows of worlds in which it fails are NaN."""
         self.failed, self.traces = {}, {}
         given = self.given(scenes)
@@ -265,15 +280,14 @@ class _OneByOne(WorldDriver):
             self._of[b] = self._made(anew=True)
         return self._of[b]
 
-    def given(self, scenes: Scenes) -> dict[int, NDArray[np.float64]]:
+    def given(self, scenes: Any) -> dict[int, NDArray[np.float64]]:
         asked = np.flatnonzero(scenes.running).tolist()
         return {b: answer for b in asked if (answer := self._answer_in(b, scenes)) is not None}
 
-    def _answer_in(self, b: int, scenes: Scenes) -> NDArray[np.float64] | None:
+    def _answer_in(self, b: int, scenes: Any) -> NDArray[np.float64] | None:
         """Ask the planner of one world; None if it fails."""
         try:
-            answer = self._planner(b).plan(scenes.scene(b))
-            return poses_of(answer, (), "plan") if self.form == "trajectory" else numbers_of(answer, (2,), "plan")
+            return self._read(self._planner(b).plan(scenes.scene(b)), (), "plan")
         except UnusableError as error:
             self.failed[b] = "answer", f"gave no usable answer: {error}"
         except Exception as error:  # whatever the user's code raises ends this world's test only

@@ -1,21 +1,25 @@
-"""Views in which AVs tend to fail; `check-av` tries them."""
+"""Views in which AVs tend to fail; `check-av` tries them, or at a site those of `site_cases`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.foreign.interface import VIEW_SHAPE, AvContext
 from cornerforge.foreign.scene import COLUMNS
+from cornerforge.foreign.site_cases import SITE_CASES, ordinary_scenes, random_scenes, site_case
 
 if TYPE_CHECKING:
     from cornerforge.types import Odd
 
-__all__ = ["EDGE_CASES", "EdgeCase", "edge_case", "ordinary_views", "random_views", "sample_views", "scenes_of"]
+__all__ = [
+    "EDGE_CASES", "EdgeCase", "Trials", "edge_case", "ordinary_views", "random_views", "sample_views", "scenes_of",
+    "trials_of",
+]  # fmt: skip
 
 _ROWS, _COLUMNS = VIEW_SHAPE
 _SAMPLE = 64
@@ -142,7 +146,7 @@ def sample_views() -> NDArray[np.float32]:
     return np.concatenate([edges, random_views(np.random.default_rng(0), (1, _SAMPLE), road)[0]]).astype(np.float32)
 
 
-def ordinary_views(n: int, context: AvContext) -> NDArray[np.float32]:
+def ordinary_views(n: int, context: Odd | AvContext) -> NDArray[np.float32]:
     """Make n views (n, 13, 8) of ordinary traffic: the AV in the second lane, and one vehicle ahead of it."""
     view = np.zeros((n, _ROWS, _COLUMNS), dtype=np.float32)
     view[:, 0] = 1.0, context.test_length, 1.5 * context.lane_width, 30.0, 0.0, 0.0, 1.0, 0.0
@@ -182,3 +186,40 @@ def scenes_of(views: NDArray[np.float32], rows: int, context: AvContext) -> NDAr
     table[..., 0, COLUMNS.index("left_to_drive")] = seen[..., 0, 1]
     table[..., 0, COLUMNS.index("target_lane")] = seen[..., 0, 6]
     return table
+
+
+class Trials(NamedTuple):
+    """What an AV is tried on: by an array for each world, as the simulator would show it (`AvSession.shown`).
+
+    Attributes:
+        names: Of the edge cases.
+        case: Makes the array of an edge case.
+        doubt: Takes a name, the AV's acceleration [m/s2] and lane order, and says what is strange, or "".
+        random: Makes arrays (*shape, ...) of random traffic, with a generator and a shape.
+        ordinary: Makes n arrays (n, ...) of ordinary traffic.
+    """
+
+    names: tuple[str, ...]
+    case: Callable[[str], NDArray[Any]]
+    doubt: Callable[[str, float, float], str]
+    random: Callable[[np.random.Generator, tuple[int, int]], NDArray[Any]]
+    ordinary: Callable[[int], NDArray[Any]]
+
+
+def trials_of(odd: Odd | AvContext) -> Trials:
+    """Choose what an AV is tried on: on a road, or at a site."""
+    if odd.site:
+        return Trials(
+            tuple(SITE_CASES),
+            site_case,
+            lambda name, acceleration, _order: SITE_CASES[name].doubt(acceleration),
+            random_scenes,
+            ordinary_scenes,
+        )
+    return Trials(
+        tuple(EDGE_CASES),
+        lambda name: edge_case(name, odd),
+        lambda name, acceleration, order: EDGE_CASES[name].doubt(acceleration, order),
+        lambda rng, shape: random_views(rng, shape, odd),
+        lambda n: ordinary_views(n, odd),
+    )

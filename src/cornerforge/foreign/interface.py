@@ -2,7 +2,8 @@
 
 `Av` is interface 1: one array in, an acceleration and a lane order out, for many worlds at once. `Planner` (one world
 at a time) and `PlannerForAll` (many at once) are interface 2: boxes with identities and road coordinates in, and out a
-lane order, a curvature, a steering angle or a trajectory. Deriving from them is optional.
+lane order, a curvature, a steering angle or a trajectory. At a site they see a `SiteScene` and answer by an
+acceleration along their path. Deriving from them is optional.
 """
 
 from __future__ import annotations
@@ -18,13 +19,17 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from cornerforge.foreign.scene import Scene, Scenes
+    from cornerforge.foreign.site_scene import SiteScene, SiteScenes
 
-__all__ = ["ANSWERS", "NEAREST", "VIEW_SHAPE", "Av", "AvContext", "Planner", "PlannerForAll", "RoadLane"]
+__all__ = ["ANSWERS", "AT_SITES", "NEAREST", "VIEW_SHAPE", "Av", "AvContext", "Planner", "PlannerForAll", "RoadLane"]
 
-ANSWERS = ("lane", "curvature", "steering", "trajectory")
+AT_SITES = "acceleration"
+"""What an AV at a site answers by, and none on a road."""
+ANSWERS = ("lane", "curvature", "steering", "trajectory", AT_SITES)
 """What an AV of interface 2 may answer by; it says which one in its attribute `answers`."""
 NEAREST = 12
-"""So many of the nearest vehicles an AV of interface 2 sees, unless it says otherwise in its attribute `objects`."""
+"""So many of the nearest vehicles an AV of interface 2 sees, unless it says otherwise in its attribute `objects`; at a
+site 24 (`site_scene.AGENTS`)."""
 
 VIEW_SHAPE = (13, 8)
 """Rows and columns of the view (`cornerforge.sim.av_view`). An AV's process imports nothing of the simulator, so the
@@ -71,6 +76,7 @@ class AvContext:
         most_lateral_acceleration: No AV that steers is faster in a bend [m/s2].
         task: What the AV is to do: drive "through", come from the "ramp", or take the "exit".
         lanes: Open lanes by slot and begin; empty on a road along which all lanes go on.
+        site: Name of the site, "" on a road. At a site nothing but the AV's size and the interval says anything.
     """
 
     batch: int
@@ -89,10 +95,16 @@ class AvContext:
     most_lateral_acceleration: float = 8.0
     task: str = "through"
     lanes: tuple[RoadLane, ...] = ()
+    site: str = ""
 
     def stated(self) -> dict[str, Any]:
-        """All fields, for JSON: `task` and `lanes` only where lanes end, and of a lane no number that is infinite."""
+        """All fields, for JSON: `task` and `lanes` only where lanes end, and of a lane no number that is infinite.
+
+        `site` only at one.
+        """
         about = asdict(self)
+        if not self.site:
+            del about["site"]
         task, lanes = about.pop("task"), about.pop("lanes")
         finite = [{name: value for name, value in lane.items() if value not in (-inf, inf)} for lane in lanes]
         return {**about, "task": task, "lanes": finite} if finite else about
@@ -213,14 +225,14 @@ class Planner(ABC):
     instance then serves all tests.
 
     Attributes:
-        answers: "lane", "curvature", "steering" or "trajectory".
-        objects: How many of the nearest vehicles it sees; None: all within 200 m.
+        answers: "lane", "curvature", "steering" or "trajectory"; at a site "acceleration".
+        objects: How many of the nearest vehicles it sees, `NEAREST` by default; None: all within 200 m.
         history: How many scenes before the present one it sees.
         memory: Whether an answer may depend on what was seen before in the test.
     """
 
     answers: str = "lane"
-    objects: int | None = NEAREST
+    objects: int | None
     history: int = 0
     memory: bool = True
 
@@ -228,7 +240,7 @@ class Planner(ABC):
         """Prepare for a run; called once on every instance."""
 
     @abstractmethod
-    def plan(self, scene: Scene) -> ArrayLike:
+    def plan(self, scene: Scene | SiteScene) -> ArrayLike:
         """Decide; called every `context.interval`.
 
         Returns:
@@ -238,6 +250,7 @@ class Planner(ABC):
             "steering": acceleration and angle of the front wheels [rad]: curvature tan(angle) / wheelbase.
             "trajectory": (M, 3) to (M, 5), M >= 2: time from now [s], ascending; x, y of the box's centre [m] in the
             scene's coordinates; if given heading [rad] and speed [m/s]. It must reach to the next answer.
+            "acceleration": along its path [m/s2], cut to [-8, 2]; the scene is a `SiteScene`.
             The vehicle's limits: `cornerforge.sim.bicycle`; following a trajectory: `cornerforge.foreign.tracking`.
         """
 
@@ -251,7 +264,7 @@ class PlannerForAll(ABC):
 
     interface: int = 2
     answers: str = "lane"
-    objects: int | None = NEAREST
+    objects: int | None
     history: int = 0
 
     def setup(self, context: AvContext) -> None:  # noqa: B027 - see Planner
@@ -261,10 +274,10 @@ class PlannerForAll(ABC):
         """Forget the past of some worlds, as `Av.reset`; an AV without this method has no memory."""
 
     @abstractmethod
-    def act(self, scenes: Scenes) -> Any:
+    def act(self, scenes: Scenes | SiteScenes) -> Any:
         """Decide for all worlds; called every `context.interval`.
 
         Returns:
-            As `Planner.plan`, for B worlds: (B, 2), or trajectories (B, M, 3 to 5). A trajectory with fewer poses ends
+            As `Planner.plan`, for B worlds: (B, 2), at a site (B,), or trajectories (B, M, 3 to 5). A trajectory with fewer poses ends
             in rows whose time is NaN.
         """

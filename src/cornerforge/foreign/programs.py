@@ -25,17 +25,15 @@ from cornerforge.foreign.drivers import (
     EndedError,
     UnusableError,
     WorldDriver,
-    numbers_of,
-    poses_of,
 )
-from cornerforge.foreign.interface import ANSWERS, NEAREST
+from cornerforge.foreign import site_scene
+from cornerforge.foreign.interface import ANSWERS, AT_SITES, NEAREST
 from cornerforge.foreign.scene import COLUMNS, KINDS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.foreign.interface import AvContext
-    from cornerforge.foreign.scene import Scenes
 
 __all__ = ["PREFIX", "PROTOCOL", "Program", "ProgramDriver", "is_program"]
 
@@ -140,7 +138,7 @@ class Program:
                 f"{_quoted(line)}."
             )
         self.answers = said.get("answers", "lane")
-        self.objects = said.get("objects", NEAREST)
+        self.objects = said.get("objects", site_scene.AGENTS if self.answers == AT_SITES else NEAREST)
         self.memory = said.get("memory", True)
         whole = isinstance(self.objects, int) and not isinstance(self.objects, bool) and self.objects >= 0
         for name, value, fine, allowed in (
@@ -289,10 +287,11 @@ class ProgramDriver(WorldDriver):
             for pair in zip(worlds.tolist(), seeds.tolist())  # noqa: B905 - for Python 3.9
         ]
 
-    def given(self, scenes: Scenes) -> dict[int, NDArray[np.float64]]:
+    def given(self, scenes: Any) -> dict[int, NDArray[np.float64]]:
         """Ask about all worlds that drive, and take the answers in any order."""
         asked = np.flatnonzero(scenes.running).tolist()
-        questions = [_question(b, scenes.table[b].tolist()) for b in asked]
+        question = _question_at_site if self.form == AT_SITES else _question
+        questions = [question(b, scenes.table[b].tolist()) for b in asked]
         text, self._told = "".join(self._told + questions), []
         waiting, answers = set(asked), dict[int, Any]()
         for line in self.av.exchange(text, len(asked)):
@@ -319,8 +318,7 @@ class ProgramDriver(WorldDriver):
     def _answer_of(self, said: dict[str, Any]) -> NDArray[np.float64]:
         if "answer" not in said:
             raise UnusableError('it has neither "answer" nor "error"')
-        answer = said["answer"]
-        return poses_of(answer, (), "it") if self.form == "trajectory" else numbers_of(answer, (2,), "it")
+        return self._read(said["answer"], (), "it")
 
 
 def _question(b: int, rows: list[list[float]]) -> str:
@@ -329,3 +327,17 @@ def _question(b: int, rows: list[list[float]]) -> str:
     return _SCENE % (
         b, own[_TIME], own[_TARGET], own[_CURVATURE], own[_LEFT], boxes[0], ",".join(boxes[1:]),
     )  # fmt: skip
+
+
+def _question_at_site(b: int, rows: list[list[float]]) -> str:
+    agents = [dict(zip(site_scene.AGENT, row)) for row in (rows[0], *rows[site_scene.FIRST_AGENT :])]  # noqa: B905
+    shown: list[dict[str, Any]] = [
+        agent | {"id": int(agent["id"]), "kind": site_scene.KINDS[int(agent["kind"])], "priority": int(agent["priority"])}
+        for agent in agents
+        if agent["id"] >= 0.0
+    ]
+    moment: dict[str, Any] = dict(zip(site_scene.MOMENT, rows[1]))  # noqa: B905 - for Python 3.9
+    moment["light"] = site_scene.LIGHTS[int(moment["light"])]
+    path = [dict(zip(site_scene.PATH, row)) for row in rows[2 : site_scene.FIRST_AGENT]]  # noqa: B905
+    question = {"type": "scene", "world": b, **moment, "own": shown[0], "path": path, "agents": shown[1:]}
+    return json.dumps(question, separators=(",", ":")) + "\n"

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from cornerforge.drivers.idm import IdmParams
 from cornerforge.foreign import tracking
 from cornerforge.foreign.answers import carry_out
-from cornerforge.foreign.edge_cases import ordinary_views, scenes_of
-from cornerforge.foreign.interface import VIEW_SHAPE, AvContext, RoadLane
+from cornerforge.foreign.edge_cases import scenes_of, trials_of
+from cornerforge.foreign.interface import AT_SITES, VIEW_SHAPE, AvContext, RoadLane
 from cornerforge.foreign.process import AvFailureError, AvProcess
 from cornerforge.road.lanes import lane_table, lanes_of
 from cornerforge.sim import (
@@ -26,6 +26,7 @@ from cornerforge.sim import (
     lockstep,
     warn_of_left_out,
 )
+from cornerforge.sim.site import scene
 from cornerforge.types import FRAME_S, SUBSTEPS, Odd
 
 if TYPE_CHECKING:
@@ -55,6 +56,7 @@ def context_of(odd: Odd, *, batch: int, seed: int) -> AvContext:
         most_lateral_acceleration=bicycle.MOST_LATERAL_ACCELERATION,
         task=odd.task,
         lanes=_lanes_told(odd),
+        site="" if odd.site is None else odd.site.name,
     )
 
 
@@ -86,9 +88,9 @@ def answers_per_second(setting: Setting) -> int:
 
 
 def answers_per_test(setting: Setting) -> float:
-    """Compute about how often the AV answers in a test that it drives to its end, at 30 m/s."""
+    """Compute about how often the AV answers in a test that it drives to its end: at 30 m/s, at a site in 30 s."""
     road = setting.road
-    return float(road.test_length) / 30.0 * answers_per_second(setting)
+    return (30.0 if road.site.size else float(road.test_length) / 30.0) * answers_per_second(setting)
 
 
 class AvSession:
@@ -129,14 +131,18 @@ class AvSession:
             return np.zeros((size, *VIEW_SHAPE), dtype=np.float32)
         objects = int(about["objects"])
         others = slots - 1 if objects < 0 else min(objects, slots - 1)
+        if about["form"] == AT_SITES:
+            return np.zeros((size, scene.FIRST_AGENT + others, scene.SITE_COLUMNS))
         return np.zeros((size, 1 + others, av_scene.SCENE_COLUMNS))
 
     def shown(self, views: NDArray[np.float32]) -> NDArray[Any]:
-        """Turn views (B, 13, 8) into what this AV sees; for trials without a simulator."""
+        """Turn views (B, 13, 8), or scenes of a site, into what this AV sees; for trials without a simulator."""
         about = self.process().about
         if about["form"] == "view":
             return views
         objects = int(about["objects"])
+        if about["form"] == AT_SITES:
+            return views if objects < 0 else np.ascontiguousarray(views[:, : scene.FIRST_AGENT + objects])
         return scenes_of(views, VIEW_SHAPE[0] if objects < 0 else 1 + objects, self._context)
 
     def act(
@@ -164,7 +170,7 @@ class AvSession:
             AvFailureError: There is no answer.
         """
         everywhere = np.arange(self.batch_size)
-        views = self.shown(ordinary_views(self.batch_size, self._context))
+        views = self.shown(trials_of(self._context).ordinary(self.batch_size))
         self.act(views, everywhere, everywhere, np.zeros_like(everywhere))
 
     @property

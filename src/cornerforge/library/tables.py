@@ -103,10 +103,7 @@ def tables_of(
     named = TRACKS
     if starts:
         named = SCRIPTED_TRACKS
-        states = [
-            np.stack([start[name].astype(np.float64) for name in scripted.START_FIELDS], axis=1).ravel()
-            for start in starts
-        ]
+        states = [scripted.start_values(start).ravel() for start in starts]
         tracks["start"] = _lists(np.concatenate(states), np.array([state.size for state in states]))
     if poses:
         named = RAILS_TRACKS

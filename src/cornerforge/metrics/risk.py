@@ -54,7 +54,10 @@ def plane_ttc(scenario: Scenario, partner: int) -> NDArray[np.float64]:
         Shape (T,), in [0, inf], +inf where the other vehicle is absent.
     """
     x, y, speed, heading = (a[:, [0, partner]] for a in (getattr(scenario, name) for name in POSE))
-    # The recorded speed is the one along the road and the heading is the path's tangent, hence the lateral speed.
+    # The recorded speed is the one along the road and the heading is the path's tangent, hence the lateral speed; at a
+    # site it is the one along the path.
+    if scenario.odd.site is not None:
+        speed = speed * np.cos(heading)
     lateral = speed * np.tan(heading)
     offset = np.stack([along(x[:, 0], x[:, 1]), y[:, 1] - y[:, 0]], axis=1)
     velocity = np.stack([speed[:, 1] - speed[:, 0], lateral[:, 1] - lateral[:, 0]], axis=1)

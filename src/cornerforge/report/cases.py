@@ -15,9 +15,12 @@ from numpy.typing import NDArray
 from cornerforge.analysis.avoidability import WayOut
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.metrics.risk import lane_ttc, plane_ttc
+from cornerforge.report.site_surface import changes_of, site_surface
 from cornerforge.report.surface import surface_of
 from cornerforge.road.straight import along
 from cornerforge.sim import perceived
+from cornerforge.site.network import Site
+from cornerforge.site.signals import clock_of
 from cornerforge.types import ACTIONS, CLASSES, FRAME_S, Scenario
 
 __all__ = ["BEFORE_S", "case_data", "first_shown", "ghost", "load_scenarios", "unseen_s"]
@@ -67,8 +70,10 @@ def case_data(
     `critical`, `action` and `p_nde` have one entry a decision (every 10 frames from the test's start, frame 0); `ttc`
     and `ttcPlane` one a shown frame, null for infinite. `first` is the index of the first frame shown. `wayOut` is like
     a vehicle: the AV on a way out, up to the last frame shown; null without a way out. `surface` holds the areas and
-    lines of `report.surface`, as lists, null for infinite; it is absent on a road of `lanes` that all go on. Where the
-    AV's perception is not perfect, `seenX` and `seenY` of a vehicle say where the AV saw it, null where it did not.
+    lines of `report.surface`, as lists, null for infinite; it is absent on a road of `lanes` that all go on. At a site
+    `site` holds `report.site_surface` instead, each shape as x, y, x, y, ..., each light with the frames from which it
+    shows the letters; x is east of where the AV was at the start, y north, and no vehicle has a lane. Where the AV's
+    perception is not perfect, `seenX` and `seenY` of a vehicle say where the AV saw it, null where it did not.
 
     Args:
         case_id: Name of the case, `seed:test`.
@@ -94,7 +99,7 @@ def case_data(
         "frames": n_frames - first,
         "lanes": scenario.odd.n_lanes,
         "laneWidth": scenario.odd.lane_width,
-        **_surface(scenario),
+        **(_surface(scenario) if scenario.odd.site is None else _site(scenario, scenario.odd.site, first)),
         "maxSpeed": scenario.odd.max_speed,
         "vehicles": [_vehicle(scenario, column, near[:, column], first, seen) for column in columns],
         "wayOut": None if way_out is None else ghost(scenario, way_out, first),
@@ -103,7 +108,7 @@ def case_data(
         "p_nde": [_probability(scenario, k) for k in range(len(scenario.critical_bv))],
         "crash": None if scenario.crash is None else round(scenario.crash.time / FRAME_S) - first,
         "partner": -1 if struck is None else position.get(struck, -1),
-        "ttc": [] if told is None else _rounded(lane_ttc(scenario, told)[first:]),
+        "ttc": [] if told is None or scenario.odd.site is not None else _rounded(lane_ttc(scenario, told)[first:]),
         "ttcPlane": [] if told is None else _rounded(plane_ttc(scenario, told)[first:]),
     }
 
@@ -126,6 +131,24 @@ def _surface(scenario: Scenario) -> dict[str, Any]:
     return {"surface": {"areas": areas, "lines": lines}}
 
 
+def _site(scenario: Scenario, site: Site, first: int) -> dict[str, Any]:
+    """Make what `case_data` says of a site; lights of frames before the first one shown are left out."""
+    found, start = site_surface(site), np.array([scenario.x[0, 0], 0.0])
+    clock = clock_of(site, scenario.seed, scenario.test) + first * FRAME_S
+    changes = changes_of(site, clock, len(scenario.x) - first, FRAME_S)
+
+    def flat(points: NDArray[np.float64]) -> list[float | None]:
+        return _rounded((points - start).ravel(), 2)
+
+    lights = [
+        {"at": flat(light.at), "walks": light.walks, "from": [frame for frame, _ in shown],
+         "letters": "".join(letter for _, letter in shown)}
+        for light, shown in zip(found.lights, changes, strict=True)
+    ]  # fmt: skip
+    shapes = {name: [flat(one) for one in getattr(found, name)] for name in ("lanes", "edges", "bars", "stops")}
+    return {"site": {**shapes, "lights": lights}}
+
+
 def first_shown(scenario: Scenario) -> int:
     """Return the first frame of the last `SHOWN_S` of a recording."""
     return max(0, len(scenario.x) - 1 - round(SHOWN_S / FRAME_S))
@@ -139,6 +162,8 @@ def _column_of(scenario: Scenario, slot: int) -> int | None:
 def _near(scenario: Scenario, first: int, partner: int | None) -> NDArray[np.bool_]:
     """Mark vehicles that are present and near the AV, shape (T, N), none before `first`; `partner` is always near."""
     distance = np.abs(along(scenario.x[:, :1], np.where(scenario.present, scenario.x, np.inf)))
+    if scenario.odd.site is not None:
+        distance = np.hypot(distance, np.where(scenario.present, scenario.y, 0.0) - scenario.y[:, :1])
     near = scenario.present & (distance <= SIGHT_M)
     for column in (0,) if partner is None else (0, partner):
         near[:, column] = scenario.present[:, column]
@@ -163,7 +188,7 @@ def _vehicle(
         "y": _rounded(scenario.y[rows, column]),
         "v": _rounded(scenario.speed[rows, column]),
         "h": _rounded(scenario.heading[rows, column], 4),
-        "lane": scenario.target_lane[rows, column].tolist(),
+        "lane": [-1] * (rows.stop - rows.start) if scenario.odd.site else scenario.target_lane[rows, column].tolist(),
         **({} if of_it is None else {"seenX": _rounded(along(start, of_it[:, 0])), "seenY": _rounded(of_it[:, 1])}),
     }
 

@@ -17,7 +17,8 @@ class LawFitted(Result):
     values: Annotated[tuple[float, ...], meant("The number; of `walks` seven.", "`unit`")]
     unit: Annotated[str, meant("Unit of the values.")]
     interval95: Annotated[
-        tuple[float, float] | None, meant("95 % interval over resampled groups (of `walks`: of the median).", "`unit`")
+        tuple[float, float] | None,
+        meant("95 % interval over groups (of `walks`: of its median); null: no data tell it.", "`unit`"),
     ]
     span: Annotated[
         tuple[float, float] | None, meant("What other published readings give; null where data tell it.", "`unit`")

@@ -244,7 +244,7 @@ def _careful(w: World, substep: int, road: RoadNumbers, av: AvNumbers, _scratch:
 
 @inlined_kernel
 def _keeps_on(w: World, _substep: int, _road: RoadNumbers, _av: AvNumbers, _scratch: AvScratch) -> tuple[float, int]:
-    """Drive on as it is: an AV of sites is refused on a road (`experiment.setting`) and decides elsewhere (`site.av`)."""
+    """Drive on as it is: an AV of sites is refused on a road, and decides in `site.av`."""
     return 0.0, w.vehicles[0].target_lane
 
 

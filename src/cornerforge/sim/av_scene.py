@@ -37,6 +37,8 @@ from cornerforge.road.straight import distance_left, driven, lane_centre, lane_o
 from cornerforge.sim.av_view import VIEW_COLUMNS, nearest_along, view_of_av
 from cornerforge.sim.motion import path_of
 from cornerforge.sim.perception import show_as_is, show_as_seen
+from cornerforge.sim.site.scene import site_scene_of_av
+from cornerforge.site.tables import at_site
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -150,9 +152,11 @@ def scene_of_av(w: World, road: RoadNumbers, found: NDArray[np.int64], out: NDAr
 
 @kernel
 def show_to_av(w: World, road: RoadNumbers, s: AvScratch, out: NDArray[Any]) -> None:
-    """Write what an AV outside the kernels sees into `out`: a view (`av_view`) or a scene, by its columns."""
+    """Write what an AV outside the kernels sees into `out`: a view (`av_view`), a scene, or at a site `site.scene`."""
     show_as_seen(w, w.state[0].substep, road, s)
-    if out.shape[1] == VIEW_COLUMNS:
+    if at_site(road.site):
+        site_scene_of_av(w, road.site, s.found, out)
+    elif out.shape[1] == VIEW_COLUMNS:
         view_of_av(w, road, VISIBLE, s.found, out)
     else:
         scene_of_av(w, road, s.found, out)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from cornerforge._elementary import sin_cos
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.fields import BODY, CASE_ROW, HISTORY_SHAPE, REALS
 from cornerforge.recordings import Recordings, recordings_of_columns
@@ -17,7 +18,9 @@ from cornerforge.road.straight import ahead_by, half_lengths, half_widths
 from cornerforge.sim.controllers import POLICY, cast_index
 from cornerforge.sim.drive import drive_test
 from cornerforge.sim.outcome import AV_CRASH, write_outcome
+from cornerforge.sim.site.contact import most_at_site, never_jumps, shortest_at_site
 from cornerforge.sim.step import forget_frames
+from cornerforge.site.tables import at_site
 from cornerforge.types import FRAME_S, SUBSTEPS
 
 if TYPE_CHECKING:
@@ -55,6 +58,8 @@ MAX_BRAKING = 8.5
 MAX_ACCELERATION = 4.0
 MAX_LATERAL_ACCELERATION = 4.0
 # Differences of recorded frames are averages, so they exceed a bound only by rounding.
+MAX_ACROSS_AT_SITE = 7.0
+"""Most across the way at a site [m/s2]: 0.7 g, what tyres hold; there it comes of speed in a turn, not of a plan."""
 TOLERANCE = 1e-3
 LIMITS = {
     "acceleration": MAX_ACCELERATION + TOLERANCE,
@@ -284,32 +289,49 @@ def _keep_labels(
     row.bv_speed_mps = bv.speed
     row.impact_speed_difference_mps = bv.speed - av.speed
     row.relative_heading_rad = (bv.heading - av.heading + math.pi) % (2.0 * math.pi) - math.pi
-    row.relative_lon_m = ahead_by(recording[frame], 0, partner)
-    row.relative_lat_m = bv.y - av.y
-    lane = math.floor(av.y / road.lane_width)
-    row.av_lane = lane
-    row.relative_lane = math.floor(bv.y / road.lane_width) - lane
-    along, braking, across = _peaks(recording, frame, 0)
+    if at_site(road.site):
+        sine, cosine = sin_cos(av.heading)
+        row.relative_lon_m = (bv.x - av.x) * cosine + (bv.y - av.y) * sine
+        row.relative_lat_m = (bv.y - av.y) * cosine - (bv.x - av.x) * sine
+        row.av_lane = av.target_lane
+        row.relative_lane = bv.target_lane - av.target_lane
+    else:
+        row.relative_lon_m = ahead_by(recording[frame], 0, partner)
+        row.relative_lat_m = bv.y - av.y
+        lane = math.floor(av.y / road.lane_width)
+        row.av_lane = lane
+        row.relative_lane = math.floor(bv.y / road.lane_width) - lane
+    peaks, of_partner = (
+        (most_at_site(recording, frame, 0, bodies), most_at_site(recording, frame, partner, bodies))
+        if at_site(road.site)
+        else (_peaks(recording, frame, 0), _peaks(recording, frame, partner))
+    )
+    along, braking, across = peaks
     row.av_max_acceleration_mps2 = along
     row.av_max_braking_mps2 = braking
     row.av_max_lateral_acceleration_mps2 = across
-    bv_along, bv_braking, bv_across = _peaks(recording, frame, partner)
+    bv_along, bv_braking, bv_across = of_partner
     row.bv_max_acceleration_mps2 = bv_along
     row.bv_max_braking_mps2 = bv_braking
     row.bv_max_lateral_acceleration_mps2 = bv_across
+    most_across = MAX_ACROSS_AT_SITE if at_site(road.site) else MAX_LATERAL_ACCELERATION
     # NaN is never above a limit, as it should be: what was not seen broke no limit.
     row.physically_plausible = not (
         along > MAX_ACCELERATION + TOLERANCE
         or bv_along > MAX_ACCELERATION + TOLERANCE
         or braking > MAX_BRAKING + TOLERANCE
         or bv_braking > MAX_BRAKING + TOLERANCE
-        or across > MAX_LATERAL_ACCELERATION + TOLERANCE
-        or bv_across > MAX_LATERAL_ACCELERATION + TOLERANCE
+        or across > most_across + TOLERANCE
+        or bv_across > most_across + TOLERANCE
     )
     row.bv_kind = bodies[partner].kind
     row.bv_length_m = bodies[partner].length
     row.bv_width_m = bodies[partner].width
-    row.min_ttc_s = _min_ttc(recording, frame, end.vehicles, bodies)
+    if at_site(road.site):
+        row.physically_plausible &= never_jumps(recording, frame, 0) and never_jumps(recording, frame, partner)
+        row.min_ttc_s = shortest_at_site(recording, frame, end.vehicles, bodies)
+    else:
+        row.min_ttc_s = _min_ttc(recording, frame, end.vehicles, bodies)
 
 
 @inlined_kernel
@@ -350,8 +372,9 @@ def _keep_history(end: Recorded, recording: NDArray[np.void], h: Harvest) -> Non
 
 @kernel
 def _find_near(
-    end: Recorded, near_m: float, recording: NDArray[np.void], decisions: Decisions, near: NDArray[np.int64]
-) -> int:
+    end: Recorded, near_m: float, recording: NDArray[np.void], decisions: Decisions, road: RoadNumbers,
+    near: NDArray[np.int64],
+) -> int:  # fmt: skip
     """Write each vehicle's index among the stored vehicles into `near`, -1 for the others; return how many."""
     n = end.vehicles
     for i in range(n):
@@ -364,7 +387,12 @@ def _find_near(
     for t in range(end.frames):
         for i in range(1, n):
             cell = recording[t, i]
-            if near[i] < 0 and cell.present and abs(ahead_by(recording[t], 0, i)) <= near_m:
+            if near[i] >= 0 or cell.present == 0:
+                continue
+            away = abs(ahead_by(recording[t], 0, i))
+            if at_site(road.site):
+                away = max(away, abs(cell.y - recording[t, 0].y))
+            if away <= near_m:
                 near[i] = _NEAR
     kept = 0
     for i in range(n):
@@ -490,8 +518,8 @@ def keep_case(
     Args:
         name: The case's name.
         end: The extent of the recording.
-        near_m: Vehicles that come this near to the AV along the road are stored [m], besides its partner and critical
-            BVs; infinite: all.
+        near_m: Vehicles that come this near to the AV along the road, at a site east and north, are stored [m], besides
+            its partner and critical BVs; infinite: all.
         road: Constants of the recording.
         recording, decisions: Frames and decisions of the test.
         bodies: Class and size of each vehicle, records with the fields of `fields.BODY`.
@@ -504,7 +532,7 @@ def keep_case(
     row.n_vehicles = end.vehicles
     row.n_decisions = end.decisions
     row.n_frames = end.frames
-    row.n_kept = _find_near(end, near_m, recording, decisions, h.near)
+    row.n_kept = _find_near(end, near_m, recording, decisions, road, h.near)
     _keep_labels(end, recording, bodies, road, h)
     _keep_history(end, recording, h)
     _keep_decisions(end, recording, decisions, bodies, h)

@@ -38,7 +38,7 @@ from cornerforge.sim.outcome import RUNNING
 from cornerforge.sim.perception import lose_controlled, remember, show_as_is, show_as_seen
 from cornerforge.sim.rails import name_actions
 from cornerforge.sim.site.av import junction_av_decides
-from cornerforge.sim.site.second import decide_at_site
+from cornerforge.sim.site.second import decide_at_site, follow_at_site
 from cornerforge.sim.statistics import count_av, count_choices, count_states, count_travel
 from cornerforge.sim.step import av_acts, begin_to_act, move_on
 from cornerforge.sim.world import NO_ACTION, NO_VEHICLE
@@ -207,7 +207,7 @@ def _av_decides(w: World, substep: int, setting: Setting, s: Scratch) -> tuple[f
         return av.command, av.lane
     if setting.who.av == RECORDED:
         return w.vehicles[0].acceleration, w.vehicles[0].target_lane
-    if setting.who.av == LIKELIEST:
+    if setting.who.av == LIKELIEST and not at_site(setting.road.site):
         return _drives_as_natural(w, substep, setting, s)
     if setting.road.perception.on:
         return _decides_by_what_it_sees(w, substep, setting, s)
@@ -311,7 +311,9 @@ def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scra
     log_prob_policy = 0.0
     state.controlled = NO_VEHICLE
     state.hidden = NO_VEHICLE
-    if who.others == SCRIPTED:  # first: what follows leaves in the scratch what `record_choice` reads
+    if who.others == SCRIPTED and at_site(setting.road.site):
+        follow_at_site(w, setting, s, keep.chances)
+    elif who.others == SCRIPTED:  # first: what follows leaves in the scratch what `record_choice` reads
         sort_by_x(w)
         _follow_script(w, lane, setting, s.choice, keep.chances)
     if who.others != RAILS and step >= state.steers_from and (who.critical != NOBODY or recorded):
@@ -322,7 +324,8 @@ def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scra
         state.travel += count_states(w, step, keep.counts, keep.census)
     state.bv_crashes_before = state.bv_crashes
     if who.others == SCRIPTED:
-        _remember_script(w, setting)
+        if not at_site(setting.road.site):
+            _remember_script(w, setting)
     elif who.others == RAILS:
         sort_by_x(w)
         name_actions(w, who.rails)

@@ -28,7 +28,7 @@ from cornerforge.sim.recorder import Recording
 from cornerforge.sim.scratch import warn_of_left_out
 from cornerforge.sim.step import record_frame
 from cornerforge.sim.traffic import clear_world, reset_world
-from cornerforge.sim.world import NO_ACTION, VEHICLE, all_current
+from cornerforge.sim.world import AGENT, COMES, NO_ACTION, VEHICLE, all_current
 from cornerforge.types import N_ACTIONS, SUBSTEPS, Odd, Scenario
 
 if TYPE_CHECKING:
@@ -43,7 +43,9 @@ if TYPE_CHECKING:
     from cornerforge.sim.world import World
 
 __all__ = [
+    "AT_SITE",
     "NATURAL",
+    "SITE_FIELDS",
     "START_FIELDS",
     "TRAITS",
     "Asked",
@@ -52,6 +54,7 @@ __all__ = [
     "ScriptDriver",
     "average_traits",
     "scripted_start",
+    "start_values",
 ]
 
 NATURAL = NO_ACTION
@@ -61,12 +64,17 @@ equally likely). In recordings it stands where a vehicle is absent, and means no
 TRAITS = ("quantile", "habit", "desired_speed", "change_time", "signals", "away", "noise", "inattention")
 """Traits of a driver; starts that were stored before drivers had them lack these fields (`average_traits`)."""
 _MOST_FAULTS = 20
+_NEVER = 1e6
 _LEAST_SIZE, _MOST_SIZE = (0.5, 0.3), (30.0, 4.0)
 """Length and width [m] that a vehicle on rails may have."""
 _FOLLOWING = ("x_held", "speed_held", "present", "action", "commanded", "acceleration_held")
 START_FIELDS = tuple(name for name in VEHICLE.names or () if name not in _FOLLOWING)
 """Fields of `world.VEHICLE` that make a start, as files hold them: a new one goes to the end. The others follow: a
 vehicle that starts is present, has decided nothing yet, and decides at that moment."""
+AT_SITE = np.dtype([*VEHICLE.descr, *AGENT.descr, ("lights", "f8")])
+"""A vehicle or person at the start of a script at a site; `lights` is the time of the signals then [s], for all one."""
+SITE_FIELDS = (*START_FIELDS, "present", *(AGENT.names or ()), "lights")
+"""Fields that make a start at a site, as files hold them."""
 
 
 def average_traits(speed: NDArray[np.float64], change_time: float) -> NDArray[np.float64]:
@@ -90,7 +98,8 @@ class Script:
 
     Attributes:
         slot: Names of the vehicles, int16 (N,), ascending, at least one; the first is 0, the AV.
-        start: States of all vehicles, (N,) of `world.VEHICLE`; make them with `scripted_start`.
+        start: States of all vehicles, (N,) of `world.VEHICLE`, at a site of AT_SITE; make them with `scripted_start`.
+            At a site those are among them that come later.
         action: Action index of each vehicle at each decision (1 s apart), int8 (K, N), K at least 1; NATURAL for the
             likeliest. The AV's column is ignored: the AV decides by itself.
         seed, test: Its name, of which an AV from outside is told a number (`foreign.driver.seeds_of`).
@@ -114,7 +123,7 @@ class Script:
         n = self.slot.size
         if self.slot.shape != (n,) or n == 0 or self.slot[0] != 0 or (np.diff(self.slot) <= 0).any():
             raise InputError(f"slot = {self.slot.tolist()}: slots must ascend from 0, the AV.")
-        if self.start.dtype != VEHICLE or self.start.shape != (n,):
+        if self.start.dtype not in (VEHICLE, AT_SITE) or self.start.shape != (n,):
             raise InputError(f"start has shape {self.start.shape} of {self.start.dtype}; allowed: ({n},) of VEHICLE.")
         if self.action.ndim != 2 or self.action.shape[0] == 0 or self.action.shape[1] != n:
             raise InputError(f"action has shape {self.action.shape}; allowed: (decisions, {n}), at least one decision.")
@@ -176,20 +185,29 @@ class Asked(Protocol):
 
 
 def scripted_start(fields: NDArray[np.float64]) -> NDArray[np.void]:
-    """Make states for `Script.start` from values of START_FIELDS, float64 (N, len(START_FIELDS)).
+    """Make states for `Script.start` from values of START_FIELDS, float64 (N, len(START_FIELDS)), or of SITE_FIELDS.
 
     Raises:
         InputError: The shape is wrong, or a value is not finite.
     """
-    if fields.ndim != 2 or fields.shape[1] != len(START_FIELDS) or not np.isfinite(fields).all():
+    at_site = fields.ndim == 2 and fields.shape[1] == len(SITE_FIELDS)
+    names = SITE_FIELDS if at_site else START_FIELDS
+    if fields.ndim != 2 or fields.shape[1] != len(names) or not np.isfinite(fields).all():
         raise InputError(f"A start is finite numbers of shape (vehicles, {len(START_FIELDS)}); this is {fields.shape}.")
-    start = np.zeros(len(fields), dtype=VEHICLE)
-    for name, values in zip(START_FIELDS, fields.T, strict=True):
+    start = np.zeros(len(fields), dtype=AT_SITE if at_site else VEHICLE)
+    start["present"] = 1
+    for name, values in zip(names, fields.T, strict=True):
         start[name] = values
-    start["x_held"], start["speed_held"] = start["x"], start["speed"]
+    start["x_held"], start["speed_held"] = start["s" if at_site else "x"], start["speed"]
     start["commanded"] = start["acceleration_held"] = start["acceleration"]
-    start["present"], start["action"] = 1, -1
+    start["action"] = -1
     return start
+
+
+def start_values(start: NDArray[np.void]) -> NDArray[np.float64]:
+    """Give what `scripted_start` makes states of, float64 (N, fields)."""
+    names = SITE_FIELDS if start.dtype == AT_SITE else START_FIELDS
+    return np.stack([start[name].astype(np.float64) for name in names], axis=1)
 
 
 def _with_losses(script: Script) -> NDArray[np.int8]:
@@ -231,6 +249,17 @@ def _put(w: World, script: tuple[int, int], start: NDArray[np.void], road: RoadN
     all_current(w)
     if road.perception.late > 0:
         begin_to_remember(w, road)
+
+
+def _put_at_site(w: World, script: Script) -> None:
+    """Put a world at a start at a site."""
+    clear_world(w, script.seed, script.test, 0)
+    n = script.start.size
+    for array in (w.vehicles, w.agents):
+        for name in array.dtype.names or ():
+            array[name][:n] = script.start[name]
+    w.state["n_vehicles"], w.state["clock"] = n, script.start["lights"][0]
+    all_current(w)
 
 
 @kernel
@@ -294,6 +323,10 @@ class ScriptDriver(Recording):
     def _check(self, script: Script) -> None:
         check_integer("vehicles of a script", script.slot.size, low=1, high=self._world.order.size)
         check_integer("decisions of a script", len(script.action), low=1, high=self._setting.road.max_decisions)
+        if self._odd.site is not None:
+            if script.start.dtype != AT_SITE or script.poses is not None:
+                raise InputError("At a site a script has a start of AT_SITE and no rails.")
+            return
         allowed = self._odd.sizes_on_road
         for slot, size in zip(script.slot, _sizes(script), strict=True):
             if script.poses is not None and not all(
@@ -330,7 +363,9 @@ class ScriptDriver(Recording):
             drivers = _fit(drivers, _sizes(script))
             if (speed := set_speed_of(script.start)) is not None:
                 drivers = drivers.with_set_speed(speed)
-        if script.poses is None:
+        if self._odd.site is not None:
+            _put_at_site(self._world, script)
+        elif script.poses is None:
             _put(self._world, (script.seed, script.test), script.start, drivers.road)
         else:
             _put_on_rails(self._world, script.seed, rails, drivers.road)
@@ -393,9 +428,29 @@ class ScriptDriver(Recording):
         return self.record(script)[0]
 
     def start_of_test(self, seed: int, test: int) -> NDArray[np.void]:
-        """Make the states of all vehicles at the start of a test, (N,) of `world.VEHICLE`; none changes lanes there."""
+        """Make the states of all vehicles at the start of a test, (N,) of `world.VEHICLE`; none changes lanes there.
+
+        At a site of AT_SITE, with all that come in the test.
+        """
         reset_world(self._world, seed, test, self._setting)
-        return self._world.vehicles[: self._world.state["n_vehicles"][0]].copy()
+        return self._states(int(self._world.state["n_vehicles"][0]), 0)
+
+    def _states(self, n: int, later: int) -> NDArray[np.void]:
+        """Copy the states of the first n vehicles, (N,); at a site as of a test that begins `later` seconds later."""
+        w = self._world
+        if self._odd.site is None:
+            return w.vehicles[:n].copy()
+        states = np.zeros(n, dtype=AT_SITE)
+        for array in (w.vehicles, w.agents):
+            for name in array.dtype.names or ():
+                states[name] = array[name][:n]
+        states["lights"] = w.state["clock"][0] + later
+        states["enters"] -= later
+        # what an agent thought of the moment it will think of anew; +inf is no number of a file
+        for name in ("free", "stops", "most", "goes", "ratio", "begins", "until"):
+            states[name] = 0.0
+        states["enters"] = np.minimum(states["enters"], _NEVER)
+        return states
 
     def later(self, script: Script, decisions: int) -> Script | None:
         """Make the script that starts where this one is after some decisions, 0 or more; None if it is over by then.
@@ -411,9 +466,11 @@ class ScriptDriver(Recording):
             or self._world.state["outcome"][0] != RUNNING
         ):
             return None
-        states = self._world.vehicles[: script.slot.size]
+        states = self._states(script.slot.size, decisions)
         there = states["present"] == 1
-        start = scripted_start(np.stack([states[name] for name in START_FIELDS], axis=1)[there].astype(np.float64))
+        if self._odd.site is not None:
+            there |= states["stage"] == COMES
+        start = scripted_start(start_values(states[there]))
         poses = None if script.poses is None else script.poses[SUBSTEPS * decisions :, there]
         return replace(
             script,

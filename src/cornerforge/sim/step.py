@@ -17,9 +17,9 @@ from cornerforge.sim.controllers import BUILT_IN, RAILS, RECORDED
 from cornerforge.sim.motion import move_vehicle
 from cornerforge.sim.outcome import AV_CRASH, BV_CRASH, COMPLETED, LEFT_ROAD, RUNNING, TIME_UP
 from cornerforge.sim.rails import ride
+from cornerforge.sim.reach import bound_motion, choose_current, find_pairs, pairs_of_av
 from cornerforge.sim.site.choice import act_at_site
 from cornerforge.sim.site.second import ends_at_site, find_pairs_at_site, move_agent
-from cornerforge.sim.reach import bound_motion, choose_current, find_pairs, pairs_of_av
 from cornerforge.sim.world import all_current, forget_av_neighbours, list_all
 from cornerforge.site.tables import at_site
 from cornerforge.types import ACCELERATIONS, FRAME_S, LOWEST_COMMAND, SUBSTEPS

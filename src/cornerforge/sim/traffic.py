@@ -21,8 +21,8 @@ from cornerforge.sim.controllers import NOBODY, RAILS, critical_of
 from cornerforge.sim.outcome import RUNNING, UNDRAWN
 from cornerforge.sim.perception import begin_to_remember
 from cornerforge.sim.rails import put_on_rails
-from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, all_current
 from cornerforge.sim.site.traffic import reset_at_site
+from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, all_current
 from cornerforge.site.tables import at_site
 from cornerforge.types import CAR, CLASSES, MOTORCYCLE, QUEUE_FROM, QUEUE_TO, TRUCK
 

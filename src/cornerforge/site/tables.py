@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 __all__ = [
-    "CROSS", "DIVERGE", "GREEN", "MAX_PHASES", "MAX_PLACES", "MAX_ROUTES", "MEETINGS", "MERGE", "NOISE_CELLS", "NO_SITE", "NO_ZONE", "RED",
-    "SHARED", "SITE", "WALK", "WARM_UP", "WEAVE", "YELLOW", "approaches", "at_site", "letter_at", "longer", "mapped", "place_of", "pose_at",
-    "site_numbers", "slots_at", "speed_at",
-    "walk_letter", "when_green",
+    "CHANGE_TIME", "CROSS", "DIVERGE", "GREEN", "MAX_PHASES", "MAX_PLACES", "MAX_ROUTES", "MEETINGS", "MERGE",
+    "NOISE_CELLS", "NO_SITE", "NO_ZONE", "RED", "SHARED", "SITE", "SLOW_WALK", "WALK", "WARM_UP", "WEAVE", "YELLOW",
+    "approaches", "at_site", "letter_at", "longer", "mapped", "place_of", "pose_at", "site_numbers", "slots_at",
+    "speed_at", "walk_letter", "when_green",
 ]  # fmt: skip
 
 MAX_ROUTES, MAX_PLACES, MAX_PHASES = 64, 512, 32
@@ -50,7 +50,8 @@ _BRAKES = 1.5
 
 _WIDEST = 2.3
 """Zones are those of vehicles that are this wide [m], as delivery trucks."""
-_SLOW_WALK, _CHANGE_TIME = 1.07, 4.0
+SLOW_WALK, CHANGE_TIME = 1.07, 4.0
+"""Walking speed of slow people [m/s], and the time in which signals change [s]; see `walk_letter`."""
 _BODY, _PERSON = BODY[0], PERSON[0]
 
 _PLACE = np.dtype([("x", "f8"), ("y", "f8"), ("heading", "f8"), ("curvature", "f8"), ("speed", "f8")])
@@ -314,7 +315,7 @@ def walk_letter(site: NDArray[np.void], route: int, clock: float) -> int:
     if letter_at(site, route, clock) < GREEN:
         return RED
     one = site[0]
-    needed = one.route[route].length / _SLOW_WALK - _CHANGE_TIME
+    needed = one.route[route].length / SLOW_WALK - CHANGE_TIME
     if needed > 0.0 and letter_at(site, route, clock + needed) < GREEN:
         return YELLOW
     return GREEN

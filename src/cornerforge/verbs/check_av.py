@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,8 @@ from cornerforge.experiment.forecast import LONG_SECONDS, forecast
 from cornerforge.experiment.setting import experiment, road_of
 from cornerforge.foreign.answers import controller_of
 from cornerforge.foreign.driver import ForeignAv
-from cornerforge.foreign.edge_cases import EDGE_CASES, edge_case, random_views
+from cornerforge.foreign.edge_cases import trials_of
+from cornerforge.foreign.interface import AT_SITES
 from cornerforge.foreign.named_avs import remember
 from cornerforge.foreign.pace import announce
 from cornerforge.foreign.process import AvFailureError
@@ -64,6 +66,7 @@ class _Bench:
 
     def __init__(self, av: ForeignAv) -> None:
         self._av, self.pace, self.log = av, av.pace, av.log
+        self.trials = trials_of(av.odd)
         self.few, self.many, self.hangs = _BATCH, _MANY, 0
         self._session: AvSession | None = None
         self._loading = 0.0
@@ -104,10 +107,7 @@ class _Bench:
         A process of it that starts later has less time to load and for its first answer, now that it is known what
         these take.
         """
-        begun, view = (
-            time.perf_counter(),
-            edge_case(next(iter(EDGE_CASES)), self._av.odd)[None, None].astype(np.float32),
-        )
+        begun, view = time.perf_counter(), self.trials.case(self.trials.names[0])[None, None]
         try:
             self.answers(view)
             took = time.perf_counter() - begun
@@ -121,7 +121,7 @@ class _Bench:
         if alone * _BATCH > _CALL_SECONDS:
             self.few = max(2, int(_CALL_SECONDS / alone))
             self.many = 2 * self.few
-        seconds = alone * self.few * len(EDGE_CASES) + self.repeat_steps() * alone * (3 * self.few + 1 + self.many)
+        seconds = alone * self.few * len(self.trials.names) + self.repeat_steps() * alone * (3 * self.few + 1 + self.many)
         if seconds > LONG_SECONDS:
             announce(
                 f"{self._av.name} takes about {spoken(alone)} for an answer in one world (measured): trials will take "
@@ -133,7 +133,7 @@ class _Bench:
         each = max(self.pace.usual(1), 1e-6)
         return max(2, min(_STEPS, int(_REPEAT_SECONDS / (each * (3 * self.few + 1 + self.many)))))
 
-    def answers(self, views: NDArray[np.float32], order: NDArray[np.int64] | None = None) -> NDArray[np.float64]:
+    def answers(self, views: NDArray[Any], order: NDArray[np.int64] | None = None) -> NDArray[np.float64]:
         """Return the answers (T, B, W) to T successive views after a reset; world b stands in row order[b].
 
         Raises:
@@ -187,12 +187,12 @@ def check_av(options: CheckAv) -> AvChecked:
             bench.note("read as", _OK, bench.about["read"])
         if bench.about["kind"] == "zip":
             _compare(bench, spec, road)
-        _try_edge_cases(bench, road, options.progress)
+        _try_edge_cases(bench, options.progress)
         if all(check.verdict != _FAIL for check in bench.checks):
             options.progress("repeats", 0, 1)
-            _try_repeats(bench, road, options.seed)
+            _try_repeats(bench, options.seed)
             options.progress("speed", 0, 1)
-            speed = _speeds(bench, road, options.seed)
+            speed = _speeds(bench, options.seed)
     finally:
         bench.close()
     does = _drive(bench, world, options.tests, options.seed, options.threads, options.progress)
@@ -224,7 +224,7 @@ def _compare(bench: _Bench, spec: AvSpec, road: Odd) -> None:
         bench.note("its maker's answers", verdict, f"they differ by {said}")
 
 
-def _try_edge_cases(bench: _Bench, road: Odd, progress: Progress) -> None:
+def _try_edge_cases(bench: _Bench, progress: Progress) -> None:
     """Try all edge cases, unless the AV hangs again and again; then say if all answers together are strange."""
     given: list[float] = []
     try:
@@ -232,26 +232,30 @@ def _try_edge_cases(bench: _Bench, road: Odd, progress: Progress) -> None:
     except AvFailureError as failure:
         bench.note("first questions", _FAIL, f"it {failure}; nothing else was tried")
         return
-    for k, name in enumerate(EDGE_CASES):
-        progress("edge cases", k, len(EDGE_CASES))
+    names = bench.trials.names
+    for k, name in enumerate(names):
+        progress("edge cases", k, len(names))
         if bench.hangs == _MOST_HANGS:
-            bench.note("other edge cases", _FAIL, f"{len(EDGE_CASES) - k} were not tried, because it hangs")
+            bench.note("other edge cases", _FAIL, f"{len(names) - k} were not tried, because it hangs")
             return
-        _try_edge_case(bench, name, road, given)
+        _try_edge_case(bench, name, given)
     if 0.0 < max(map(abs, given), default=0.0) <= 1.0:
         doubt = "no acceleration is beyond -1 to 1 m/s2: are they shares of the strongest, as of Box(-1, 1)?"
         bench.note("units", _WARN, doubt)
 
 
-def _try_edge_case(bench: _Bench, name: str, odd: Odd, given: list[float]) -> None:
-    view = np.broadcast_to(edge_case(name, odd), (1, bench.few, 13, 8)).astype(np.float32)
+def _try_edge_case(bench: _Bench, name: str, given: list[float]) -> None:
+    case = bench.trials.case(name)
+    view = np.broadcast_to(case, (1, bench.few, *case.shape)).copy()
     with bench.trying(name):
         answer = bench.answers(view)[0, 0]
         given.append(float(answer[0]))
         steers = controller_of(bench.about["form"]) == controllers.STEERED
         order = 0.0 if steers else float(answer[1])
-        text = f"{answer[0]:.2f} m/s2, " + (f"curvature {answer[1]:+.4f} /m" if steers else f"lane order {order:+.0f}")
-        doubt = EDGE_CASES[name].doubt(float(answer[0]), order)
+        text = f"{answer[0]:.2f} m/s2"
+        if bench.about["form"] != AT_SITES:
+            text += f", curvature {answer[1]:+.4f} /m" if steers else f", lane order {order:+.0f}"
+        doubt = bench.trials.doubt(name, float(answer[0]), order)
         beyond = "" if -8.0 <= answer[0] <= 2.0 else "; commands are cut to -8 to 2 m/s2"
         bench.note(name, _WARN if doubt else _OK, text + beyond + (f"; {doubt}" if doubt else ""))
 
@@ -262,11 +266,11 @@ def _difference(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     return float(difference.max()) if np.isfinite(difference).all() else np.inf
 
 
-def _try_repeats(bench: _Bench, odd: Odd, seed: int) -> None:
+def _try_repeats(bench: _Bench, seed: int) -> None:
     """Check that answers do not change when views come again, in another order, or in batches of other sizes."""
     rng = np.random.default_rng(seed)
     n, steps = bench.few, bench.repeat_steps()
-    views = random_views(rng, (steps, bench.many), odd)
+    views = bench.trials.random(rng, (steps, bench.many))
     few = views[:, :n]
     with bench.trying("random traffic"):
         first = bench.answers(few)
@@ -294,15 +298,15 @@ def _try_repeats(bench: _Bench, odd: Odd, seed: int) -> None:
             bench.note(name, _WARN if difference <= _ROUNDING else _FAIL, text)
 
 
-def _speeds(bench: _Bench, odd: Odd, seed: int) -> tuple[AvSpeed, ...]:
+def _speeds(bench: _Bench, seed: int) -> tuple[AvSpeed, ...]:
     with bench.trying("speed"):
         slow = 10.0 * _CALL_SECONDS
-        return tuple(_speed(bench, odd, seed, batch) for batch in _SPEED_BATCHES if bench.pace.usual(batch) <= slow)
+        return tuple(_speed(bench, seed, batch) for batch in _SPEED_BATCHES if bench.pace.usual(batch) <= slow)
     return ()
 
 
-def _speed(bench: _Bench, odd: Odd, seed: int, batch: int) -> AvSpeed:
-    view = random_views(np.random.default_rng(seed), (1, batch), odd)
+def _speed(bench: _Bench, seed: int, batch: int) -> AvSpeed:
+    view = bench.trials.random(np.random.default_rng(seed), (1, batch))
     bench.answers(view)
     session, none, everywhere = bench.session(batch), np.zeros(0, dtype=np.int64), np.arange(batch)
     shown = session.shown(view[0])

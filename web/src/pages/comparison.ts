@@ -2,7 +2,7 @@
 // while the other drives on.
 import type { Case } from "../shared/case";
 import { show } from "../shared/format";
-import { boxAt, gapAlong, secondsAt } from "../shared/motion";
+import { boxAt, gapOf, secondsAt } from "../shared/motion";
 import { drawScene, fitHeight } from "../shared/scene";
 import { byId, makePlayer, pageData, type Playable } from "./player";
 
@@ -29,7 +29,7 @@ function write(side: Side, item: Item, frame: number): void {
     end: item.ends[side],
     av: show(av?.v, "m/s"),
     bv: show(bv?.v, "m/s"),
-    gap: show(av && bv && gapAlong(av, bv), "m"),
+    gap: show(recording && av && bv && gapOf(recording, av, bv), "m"),
     state: touches ? "contact" : isOver ? "over" : recording ? "driving" : "–",
   };
   for (const [name, value] of Object.entries(cells)) byId(`${side}-${name}`).textContent = value;

@@ -1,7 +1,7 @@
 // The report: its figures, and the stored cases with their readings and the chart of the one that is shown.
 import type { Case, Motion } from "../shared/case";
 import { show } from "../shared/format";
-import { boxAt, decisionAt, gapAlong, secondsAt } from "../shared/motion";
+import { boxAt, decisionAt, gapOf, secondsAt } from "../shared/motion";
 import { drawScene, fitHeight, type Ghost } from "../shared/scene";
 import { changeLayout, drawFigure, drawFigures, type Drawn, type Figure } from "./charts";
 import { showFirst } from "./look";
@@ -33,7 +33,7 @@ function writeReadout(item: Item, frame: number): void {
     before: show(item.crash === null ? null : (item.crash - frame) * item.dt, "s"),
     av: show(av.v, "m/s"),
     bv: show(bv?.v, "m/s"),
-    gap: show(bv && gapAlong(av, bv), "m"),
+    gap: show(bv && gapOf(item, av, bv), "m"),
     ttc: ttc(item.ttc[frame]),
     plane: ttc(item.ttcPlane[frame]),
     critical: critical && critical !== item.vehicles[0] ? `BV ${critical.slot}: ${item.action[k] || "–"}` : "–",

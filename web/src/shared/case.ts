@@ -1,6 +1,6 @@
 // A recorded case, as `cornerforge.report.cases.case_data` writes it. Metres, seconds, radians; y to the left.
 
-export type Kind = "car" | "truck" | "motorcycle";
+export type Kind = "car" | "truck" | "motorcycle" | "person";
 
 /** How a line on the road looks; a hatch fills the rectangle of which it is the diagonal. */
 export type Mark = "solid" | "broken" | "wide" | "barrier" | "hatch";
@@ -26,6 +26,27 @@ export interface Vehicle extends Motion {
   readonly seenY?: readonly (number | null)[];
 }
 
+/** A line or the outline of a shape: x, y, x, y, ... */
+export type Outline = readonly number[];
+
+/** A light shows `letters[i]` (G, g: green; y: amber; r: red; of people G: Walk) from frame `from[i]` on. */
+export interface Light {
+  readonly at: Outline;
+  readonly walks: boolean;
+  readonly from: readonly number[];
+  readonly letters: string;
+}
+
+/** The surface of a junction, x to the east and y to the north. */
+export interface Site {
+  readonly lanes: readonly Outline[];
+  readonly edges: readonly Outline[];
+  /** Of crosswalks. */
+  readonly bars: readonly Outline[];
+  readonly stops: readonly Outline[];
+  readonly lights: readonly Light[];
+}
+
 /** What happened from frame 0 on, which is `first` frames after the test began. `vehicles[0]` is the AV. */
 export interface Case {
   readonly id: string;
@@ -40,6 +61,8 @@ export interface Case {
     readonly areas: readonly (readonly [begin: number | null, end: number | null, right: number, left: number, rightEnd: number, leftEnd: number])[];
     readonly lines: readonly (readonly [begin: number | null, y: number, end: number | null, yEnd: number, mark: Mark])[];
   };
+  /** The junction, instead of a road. */
+  readonly site?: Site;
   readonly maxSpeed: number;
   readonly vehicles: readonly Vehicle[];
   /** The AV on its last way out. */

@@ -111,6 +111,16 @@ export function touch(a: Box, b: Box): { area: Point[]; middle: Point } {
 /** Gap along the road [m]: distance of the centres less half of both lengths; negative where they are side by side. */
 export const gapAlong = (a: Box, b: Box): number => Math.abs(a.x - b.x) - (a.length + b.length) / 2;
 
+/** Distance of two boxes [m]; 0 where they touch. */
+function apart(a: Box, b: Box): number {
+  if (commonArea(corners(a), corners(b)).length > 0) return 0;
+  const far = (corner: Point, other: Box) => { const [x, y] = nearestIn(other, corner); return Math.hypot(corner[0] - x, corner[1] - y); };
+  return Math.min(...corners(a).map((corner) => far(corner, b)), ...corners(b).map((corner) => far(corner, a)));
+}
+
+/** Gap of two boxes as readings say it [m]: along the road, or at a site their distance. */
+export const gapOf = (item: { readonly site?: unknown }, a: Box, b: Box): number => (item.site ? apart(a, b) : gapAlong(a, b));
+
 /** Whether a vehicle is on its way to another lane: its box is not yet in the middle of the lane that it drives to. */
 export function changesTo(box: Box, laneWidth: number): number | null {
   if (box.lane < 0) return null;

@@ -1,8 +1,10 @@
 // Draws a moment of a recording from above, to scale. Between two recorded frames the picture is interpolated.
 import type { Case, Motion, Vehicle } from "./case";
 import type { Colours } from "./colours";
+import { middleOf } from "./framing";
 import { type Rect, place } from "./labels";
 import { type Box, type Point, boxAt, changesTo, criticalAt, gapAlong, touch } from "./motion";
+import { drawSite } from "./site";
 import { MARKS, outlines, strokes, surfaceOf } from "./surface";
 import { brakes, trail } from "./trails";
 
@@ -49,6 +51,18 @@ function prepare(canvas: HTMLCanvasElement): { g: Pen; width: number; height: nu
   return { g, width, height };
 }
 
+/** Map of metres to pixels at a site, to the north upwards; at least half of `metres` are seen from south to north. */
+function makeSiteView(item: Case, av: Box, aside: number, width: number, height: number, metres: number): View {
+  const scale = Math.min(width / metres, height / (0.5 * metres));
+  const [middle, centre] = middleOf(item, av, width / scale, height / scale);
+  return {
+    scale, width, height,
+    left: middle + aside - width / 2 / scale, right: middle + aside + width / 2 / scale,
+    px: (x) => (x - middle - aside) * scale + width / 2,
+    py: (y) => height / 2 - (y - centre) * scale,
+  };
+}
+
 /** Map of metres to pixels: x to the right, y to the left of the driver, so upwards. */
 function makeView(item: Case, middle: number, width: number, height: number, metres: number): View {
   const scale = Math.min(width / metres, (height - 4) / (item.lanes * item.laneWidth + 0.6));
@@ -64,10 +78,15 @@ function makeView(item: Case, middle: number, width: number, height: number, met
   };
 }
 
-function drawRoad(g: Pen, view: View, item: Case, colours: Colours, detail: boolean): void {
-  const surface = surfaceOf(item);
+function drawRoad(g: Pen, view: View, item: Case, frame: number, colours: Colours, detail: boolean): void {
   g.fillStyle = colours.verge;
   g.fillRect(0, 0, view.width, view.height);
+  if (item.site) {
+    drawSite(g, view, item.site, frame, colours);
+    if (detail) drawNorth(g, view, colours);
+    return;
+  }
+  const surface = surfaceOf(item);
   g.fillStyle = colours.road;
   g.beginPath(); // one path, so that no seams show
   for (const corners of outlines(surface, view.left, view.right, 0.3)) {
@@ -85,6 +104,21 @@ function drawRoad(g: Pen, view: View, item: Case, colours: Colours, detail: bool
     g.stroke();
   }
   if (detail) drawRuler(g, view, view.py(-0.5), colours);
+}
+
+/** A length of 10 m, and where north is. */
+function drawNorth(g: Pen, view: View, colours: Colours): void {
+  const [x, y, long] = [view.width - 14, view.height - 12, 10 * view.scale];
+  g.fillStyle = colours.ink;
+  g.fillRect(x - long, y, long, 2);
+  g.font = "11px system-ui, sans-serif";
+  g.textAlign = "right";
+  g.fillText("10 m", x, y - 5);
+  g.textAlign = "center";
+  g.fillText("N", x - 4, y - 40);
+  g.beginPath();
+  for (const [right, up] of [[0, 36], [-4, 22], [4, 22]] as const) g.lineTo(x - 4 + right, y - up);
+  g.fill();
 }
 
 function drawRuler(g: Pen, view: View, y: number, colours: Colours): void {
@@ -117,6 +151,10 @@ interface Paint {
 function drawVehicle(g: Pen, view: View, box: Box, { fill, outline, kind, isBraking }: Paint): void {
   within(g, view, box, (length, width) => {
     g.fillStyle = fill;
+    if (kind === "person") {
+      drawPerson(g, Math.max(3.5, 0.75 * length), outline);
+      return;
+    }
     g.fillRect(-length / 2, -width / 2, length, width);
     g.fillStyle = "rgba(255,255,255,0.55)"; // the windscreen shows which end is the front
     // A truck's cab is at its nose; a car has a bonnet before it.
@@ -136,6 +174,18 @@ function drawVehicle(g: Pen, view: View, box: Box, { fill, outline, kind, isBrak
     g.lineWidth = outline ? 2 : 1;
     g.strokeRect(-length / 2, -width / 2, length, width);
   });
+}
+
+/** A dot that points ahead, and larger than a body, which would hardly be seen. */
+function drawPerson(g: Pen, radius: number, outline: string | null): void {
+  g.beginPath();
+  g.arc(0, 0, radius, 0.6, 2 * Math.PI - 0.6);
+  g.lineTo(1.7 * radius, 0);
+  g.closePath();
+  g.fill();
+  g.strokeStyle = outline ?? "rgba(0,0,0,0.7)";
+  g.lineWidth = outline ? 2 : 1;
+  g.stroke();
 }
 
 /** An outline, since it is not what happened; its front is open. */
@@ -224,7 +274,8 @@ function drawContact(g: Pen, view: View, a: Box, b: Box, colours: Colours): void
 function colourOf(item: Case, index: number, critical: number, colours: Colours): string {
   if (index === 0) return colours.av;
   if (index === item.partner) return colours.partner;
-  return index === critical ? colours.critical : colours.other;
+  if (index === critical) return colours.critical;
+  return item.vehicles[index]!.kind === "person" ? colours.person : colours.other;
 }
 
 /** Half sizes of the picture of a box, turned as it is [px]. */
@@ -285,7 +336,7 @@ function nameOf(item: Case, index: number, box: Box, isBrief: boolean): string {
   const kind = vehicle.kind === "car" ? "" : vehicle.kind;
   const speed = box.v.toFixed(1);
   if (!isOfPair) return kind ? `${kind} ${speed}` : speed;
-  const name = index === 0 ? "AV" : `BV ${vehicle.slot}${kind ? `, ${kind},` : ""}`;
+  const name = index === 0 ? "AV" : vehicle.kind === "person" ? `person ${vehicle.slot}` : `BV ${vehicle.slot}${kind ? `, ${kind},` : ""}`;
   return isBrief ? name.replace(/,$/, "") : `${name} ${speed} m/s`;
 }
 
@@ -294,13 +345,15 @@ export function drawScene(canvas: HTMLCanvasElement, item: Case, frame: number, 
   const av = boxAt(item.vehicles[0]!, frame);
   const { g, width, height } = prepare(canvas);
   if (width === 0 || !av) return;
-  const view = makeView(item, av.x + (look.ahead ?? 0), width, height, look.metres);
+  const aside = look.ahead ?? 0;
+  const view = item.site ? makeSiteView(item, av, aside, width, height, look.metres) : makeView(item, av.x + aside, width, height, look.metres);
   const critical = criticalAt(item, frame);
-  drawRoad(g, view, item, colours, look.detail);
+  drawRoad(g, view, item, frame, colours, look.detail);
   const boxes = item.vehicles.map((vehicle) => boxAt(vehicle, frame));
   const partner = item.partner > 0 ? (boxes[item.partner] ?? null) : null;
   const isOfPair = (i: number) => i === 0 || i === item.partner;
-  const isSeen = (box: Box) => box.x + box.length / 2 > view.left && box.x - box.length / 2 < view.right;
+  const isSeen = ({ x, y, length }: Box) =>
+    x + length / 2 > view.left && x - length / 2 < view.right && view.py(y - length / 2) > 0 && view.py(y + length / 2) < view.height;
   const others = boxes.map((_, i) => i).filter((i) => boxes[i] && !isOfPair(i) && isSeen(boxes[i]));
   // The AV and its partner are drawn last, so that nothing hides them.
   const order = [...others, ...(partner ? [item.partner] : []), 0];
@@ -334,7 +387,7 @@ export function drawScene(canvas: HTMLCanvasElement, item: Case, frame: number, 
   }
   const solid = [...order.map((i) => boxes[i]!), ...shades.map(({ box }) => box).filter((box) => box !== null)];
   drawNames(g, view, names, solid, colours);
-  if (partner && !isSeen(partner)) drawPointer(g, view, `BV ${item.vehicles[item.partner]!.slot}`, av, partner, view.py(item.lanes * item.laneWidth + 0.3), colours);
+  if (partner && !item.site && !isSeen(partner)) drawPointer(g, view, `BV ${item.vehicles[item.partner]!.slot}`, av, partner, view.py(item.lanes * item.laneWidth + 0.3), colours);
 }
 
 /** At the edge of the picture, beside the road, where it hides nobody: where the partner is that the picture does not show. */
@@ -362,6 +415,7 @@ function drawPointer(g: Pen, view: View, name: string, av: Box, partner: Box, to
 /** Height of a picture [px] so that it shows the metres that it promises: the road's width follows from the scale. */
 export function heightFor(item: Case, width: number, metres: number): number {
   const scale = width / metres;
+  if (item.site) return Math.round(Math.min(720, Math.max(260, 0.6 * width)));
   return Math.round(Math.min(720, Math.max(150, scale * (item.lanes * item.laneWidth + 0.6) + 70)));
 }
 

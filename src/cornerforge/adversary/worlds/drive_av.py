@@ -130,8 +130,10 @@ class AvActors(NamedTuple):
     finished: NDArray[np.void]
 
 
-def allocate_av_actors(n_worlds: int, slots: int, n_inputs: int, hostile: NDArray[np.void], road: RoadNumbers | None = None) -> AvActors:
-    """Allocate `n_worlds` idle worlds for features of `n_inputs` entries, of an AV that sees so late [0.1 s]."""
+def allocate_av_actors(
+    n_worlds: int, slots: int, n_inputs: int, hostile: NDArray[np.void], road: RoadNumbers | None = None
+) -> AvActors:
+    """Allocate `n_worlds` idle worlds for features of `n_inputs` entries; `road`: of the tests."""
     return AvActors(
         allocate_worlds(n_worlds, slots, road),
         hostile,

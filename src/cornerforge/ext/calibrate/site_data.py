@@ -72,7 +72,7 @@ SITE_FILES = (
         ("crossing",), ("video", "vehicle_action_1s_before"),
     ),
 )  # fmt: skip
-"""What `site fit` reads of a folder; each file may be missing, plain or packed with gzip."""
+"""Files that `site fit` reads of a folder; each may be missing, plain or packed with gzip."""
 
 
 def read_site_data(folder: Path) -> dict[str, Table]:

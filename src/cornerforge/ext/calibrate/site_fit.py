@@ -64,7 +64,7 @@ _LEAVES_OUT = {
 
 @dataclass
 class _Told:
-    """What was found so far: by law its value, with data behind it; facts; notes."""
+    """Findings so far: by law its value, with data behind it; facts; notes."""
 
     laws: dict[str, tuple[tuple[float, ...], Found, str]] = field(default_factory=dict)
     facts: list[SiteFact] = field(default_factory=list)

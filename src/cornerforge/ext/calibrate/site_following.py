@@ -92,7 +92,7 @@ class Score:
 
 @dataclass(frozen=True)
 class FollowingFit:
-    """What was fitted to the runs.
+    """Numbers fitted to the runs, and how well they predict others.
 
     Attributes:
         values: `headway`, `standstill`, `acceleration`, `braking`, `noise`, `headway_spread`.

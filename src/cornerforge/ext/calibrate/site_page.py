@@ -13,7 +13,7 @@ from cornerforge.ext.calibrate.site_people import STATES, EncounterFit
 from cornerforge.report.drawing import BLUE, ORANGE, inline, new_figure, page, png_of, table
 from cornerforge.results.site_laws import SiteFitted
 
-__all__ = ["law_cells", "write_site_page"]
+__all__ = ["write_site_page"]
 
 
 def write_site_page(result: SiteFitted, encounters: EncounterFit | None, path: Path) -> None:
@@ -34,10 +34,9 @@ def write_site_page(result: SiteFitted, encounters: EncounterFit | None, path: P
     parts = [
         "<h1>Laws of drivers and people at a site</h1>",
         "<h2>What to know</h2><ul>" + "".join(f"<li>{escape(note)}</li>" for note in result.notes) + "</ul>",
-        "<h2>The laws</h2><div class=scroll>" + table(head, law_cells(result)) + "</div>",
-        "<h2>What the data have</h2><div class=scroll>"
-        + table(["fact", "found", "95 % interval", "n", "by the laws", "stated of the whole file", "source"], facts)
-        + "</div>",
+        "<h2>The laws</h2>" + table(head, _law_cells(result)),
+        "<h2>What the data have</h2>"
+        + table(["fact", "found", "95 % interval", "n", "by the laws", "stated of the whole file", "source"], facts),
         "" if encounters is None else "<h2>Who goes first</h2>" + _encounters(encounters),
         "<h2>Data</h2>" + table(["file", "what", "whose"], credits),
     ]
@@ -45,7 +44,7 @@ def write_site_page(result: SiteFitted, encounters: EncounterFit | None, path: P
         part.write_text(page("Laws at a site", "".join(parts)), encoding="utf-8")
 
 
-def law_cells(result: SiteFitted) -> list[list[str]]:
+def _law_cells(result: SiteFitted) -> list[list[str]]:
     """Give the rows of the laws as texts: name, value, interval or span, n, what it rests on, source, doubts."""
     return [
         [

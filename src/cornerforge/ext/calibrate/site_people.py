@@ -21,7 +21,7 @@ Ints = NDArray[np.int64]
 
 _FEET = 0.3048
 STATES = ("Walk", "FDW", "SDW")
-"""What the pedestrian signal shows as the person comes to the conflict point: walk, flashing and solid don't walk."""
+"""States of the pedestrian signal as the person comes to the conflict point: walk, flashing and solid don't walk."""
 _LONGEST = 10
 """Encroachment times are fitted up to so many seconds; beyond them hardly any pair was noted."""
 _FINE = 20

@@ -6,15 +6,15 @@ from collections import Counter
 from pathlib import Path
 
 from cornerforge._options import verb
-from cornerforge.errors import InputError, UnknownNameError
+from cornerforge.errors import InputError
 from cornerforge.experiment.output import check_new_file
 from cornerforge.experiment.sites import read_site
 from cornerforge.ext.interchange.options import SiteCheck, SiteImport, SiteShow
 from cornerforge.ext.interchange.sumo_site import site_of_sumo
 from cornerforge.results.sites import RouteTold, SiteTold
-from cornerforge.results.stating import as_json, from_file
+from cornerforge.results.stating import as_json
 from cornerforge.site.faults import faults_of
-from cornerforge.site.network import SITE_FILES, Site, with_amber
+from cornerforge.site.network import Site, with_amber
 from cornerforge.site.zones import Zone, with_entries_that_yield, zones_of
 from cornerforge.work.files import write_json
 

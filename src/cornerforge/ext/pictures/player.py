@@ -15,8 +15,8 @@ from cornerforge.verbs.drive_case import told
 
 __all__ = ["player"]
 
-HEIGHT = 350
-"""Of the frame [CSS px]."""
+HEIGHT, SITE_HEIGHT = 350, 560
+"""Of the frame, on a road and at a site, of which more is seen across [CSS px]."""
 
 
 def player(case_id: str, scenario: Scenario) -> str:
@@ -47,5 +47,6 @@ def player(case_id: str, scenario: Scenario) -> str:
         )
     except (ImportError, MissingExtraError):
         return f"<p>{escape(str(MissingExtraError('jinja2', 'report')))}</p>"
-    frame = f'sandbox="allow-scripts" width="100%" height="{HEIGHT}" style="border:0"'
+    height = HEIGHT if scenario.odd.site is None else SITE_HEIGHT
+    frame = f'sandbox="allow-scripts" width="100%" height="{height}" style="border:0"'
     return f'<iframe title="{escape(printable(title))}" {frame} srcdoc="{escape(page)}"></iframe>'

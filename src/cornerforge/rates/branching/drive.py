@@ -146,9 +146,7 @@ def drive_trees(
         moments, noted = min(_MOST_MOMENTS, chunk * _MOMENTS_PER_TREE), min(_MOST_SAMPLES, chunk * _SAMPLES_PER_TREE)
         log = allocate_training_data(moments, noted) if learning else allocate_training_data(0, 0)
         terminal = allocate_terminal_states(chunk * _CRASHES_PER_TREE, slots, decisions)
-        pool = allocate_pool(
-            _ROWS if not plan.tilt.shares.size else 1, slots, decisions, driver.places, setting.road
-        )
+        pool = allocate_pool(_ROWS if not plan.tilt.shares.size else 1, slots, decisions, driver.places, setting.road)
         return pool, terminal, log, allocate_scratch(slots, who.policy)
 
     lent = Rooms(rooms)

@@ -14,6 +14,7 @@
 //   web/src/shared/labels.ts
 //   web/src/shared/motion.ts
 //   web/src/shared/scene.ts
+//   web/src/shared/site.ts
 //   web/src/shared/surface.ts
 //   web/src/shared/trails.ts
 "use strict";
@@ -95,12 +96,52 @@
     return { area: [], middle: [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2] };
   }
   var gapAlong = (a, b) => Math.abs(a.x - b.x) - (a.length + b.length) / 2;
+  function apart(a, b) {
+    if (commonArea(corners(a), corners(b)).length > 0) return 0;
+    const far = (corner, other) => {
+      const [x, y] = nearestIn(other, corner);
+      return Math.hypot(corner[0] - x, corner[1] - y);
+    };
+    return Math.min(...corners(a).map((corner) => far(corner, b)), ...corners(b).map((corner) => far(corner, a)));
+  }
+  var gapOf = (item, a, b) => item.site ? apart(a, b) : gapAlong(a, b);
   function changesTo(box, laneWidth) {
     if (box.lane < 0) return null;
     const goal = (box.lane + 0.5) * laneWidth;
     return Math.abs(goal - box.y) < 0.25 ? null : goal;
   }
   var crashFrame = (item) => Math.max(0, Math.min(item.crash ?? item.frames - 1, item.frames - 1));
+
+  // src/shared/clock.ts
+  var PAUSE_S = 0.8;
+  function tick(frame, passed, dt, rate, { from, to, loop }) {
+    const next = frame + Math.max(0, passed) / dt * rate;
+    if (!loop) return next >= to ? { frame: to, over: true } : { frame: next, over: false };
+    const pause = PAUSE_S / dt * rate;
+    return { frame: next >= to + pause ? from : next, over: false };
+  }
+  var whole = (frame) => Math.floor(frame + 1e-6);
+  var clamp = (value, low, high) => Math.max(low, Math.min(high, value));
+
+  // src/shared/framing.ts
+  var [LEAST_M, MOST_M, ROOM_M] = [46, 110, 22];
+  function frameFor(item, begin, end) {
+    const partner = item.vehicles[item.partner];
+    let [low, high] = [0, 0];
+    for (let frame = begin; partner && frame <= end; frame++) {
+      const [av, other] = [valueAt(item.vehicles[0], "x", frame), valueAt(partner, "x", frame)];
+      if (av === null || other === null) continue;
+      [low, high] = [Math.min(low, other - av), Math.max(high, other - av)];
+    }
+    if (item.site) return { metres: LEAST_M, ahead: 0 };
+    return { metres: clamp(high - low + ROOM_M, LEAST_M, MOST_M), ahead: (low + high) / 2 };
+  }
+  function middleOf(item, av, wide, high) {
+    const end = crashFrame(item);
+    const [last, partner] = [boxAt(item.vehicles[0], end) ?? av, item.partner > 0 ? boxAt(item.vehicles[item.partner], end) : null];
+    const [x, y] = partner ? touch(last, partner).middle : [last.x, last.y];
+    return [clamp(x, av.x - 0.4 * wide, av.x + 0.4 * wide), clamp(y, av.y - 0.4 * high, av.y + 0.4 * high)];
+  }
 
   // src/shared/labels.ts
   var meet = (a, b) => Math.abs(a.x - b.x) < a.w + b.w && Math.abs(a.y - b.y) < a.h + b.h;
@@ -123,6 +164,48 @@
       (n) => [up, -up].flatMap((side) => [0, 1, -1].map((aside) => at(box.x + aside * (box.w + w), box.y + side * (off + n * h))))
     );
     return [...near, ...far];
+  }
+
+  // src/shared/site.ts
+  function letterAt({ from, letters }, frame) {
+    let shown = 0;
+    while (shown + 1 < from.length && from[shown + 1] <= frame + 1e-6) shown += 1;
+    return letters[shown] ?? "r";
+  }
+  var lightColour = (letter, colours) => letter === "r" ? colours["signal-red"] : letter === "y" ? colours["signal-amber"] : colours["signal-green"];
+  var WIDE = { edge: 0.12, stop: 0.4, light: 0.7 };
+  function follow(g, view, line) {
+    for (let i = 0; i < line.length; i += 2) {
+      const [x, y] = [view.px(line[i]), view.py(line[i + 1])];
+      i === 0 ? g.moveTo(x, y) : g.lineTo(x, y);
+    }
+  }
+  function strokeAll(g, view, lines, colour, wide) {
+    g.strokeStyle = colour;
+    g.lineWidth = Math.max(1, wide * view.scale);
+    g.beginPath();
+    for (const line of lines) follow(g, view, line);
+    g.stroke();
+  }
+  function drawSite(g, view, site, frame, colours) {
+    g.fillStyle = g.strokeStyle = colours.road;
+    g.lineWidth = 1.2 * view.scale;
+    g.beginPath();
+    for (const lane of site.lanes) {
+      follow(g, view, lane);
+      g.closePath();
+    }
+    g.fill();
+    g.stroke();
+    strokeAll(g, view, site.edges, colours.paint, WIDE.edge);
+    g.fillStyle = colours.paint;
+    g.beginPath();
+    for (const bar of site.bars) follow(g, view, bar);
+    g.fill();
+    strokeAll(g, view, site.stops, colours.paint, WIDE.stop);
+    for (const light of site.lights) {
+      strokeAll(g, view, [light.at], lightColour(letterAt(light, frame), colours), WIDE.light * (light.walks ? 0.6 : 1));
+    }
   }
 
   // src/shared/surface.ts
@@ -182,6 +265,19 @@
     g.setTransform(pixels, 0, 0, pixels, 0, 0);
     return { g, width, height };
   }
+  function makeSiteView(item, av, aside, width, height, metres) {
+    const scale = Math.min(width / metres, height / (0.5 * metres));
+    const [middle, centre] = middleOf(item, av, width / scale, height / scale);
+    return {
+      scale,
+      width,
+      height,
+      left: middle + aside - width / 2 / scale,
+      right: middle + aside + width / 2 / scale,
+      px: (x) => (x - middle - aside) * scale + width / 2,
+      py: (y) => height / 2 - (y - centre) * scale
+    };
+  }
   function makeView(item, middle, width, height, metres) {
     const scale = Math.min(width / metres, (height - 4) / (item.lanes * item.laneWidth + 0.6));
     const centre = item.lanes * item.laneWidth / 2;
@@ -195,10 +291,15 @@
       py: (y) => height / 2 - (y - centre) * scale
     };
   }
-  function drawRoad(g, view, item, colours, detail) {
-    const surface = surfaceOf(item);
+  function drawRoad(g, view, item, frame, colours, detail) {
     g.fillStyle = colours.verge;
     g.fillRect(0, 0, view.width, view.height);
+    if (item.site) {
+      drawSite(g, view, item.site, frame, colours);
+      if (detail) drawNorth(g, view, colours);
+      return;
+    }
+    const surface = surfaceOf(item);
     g.fillStyle = colours.road;
     g.beginPath();
     for (const corners2 of outlines(surface, view.left, view.right, 0.3)) {
@@ -216,6 +317,19 @@
       g.stroke();
     }
     if (detail) drawRuler(g, view, view.py(-0.5), colours);
+  }
+  function drawNorth(g, view, colours) {
+    const [x, y, long] = [view.width - 14, view.height - 12, 10 * view.scale];
+    g.fillStyle = colours.ink;
+    g.fillRect(x - long, y, long, 2);
+    g.font = "11px system-ui, sans-serif";
+    g.textAlign = "right";
+    g.fillText("10 m", x, y - 5);
+    g.textAlign = "center";
+    g.fillText("N", x - 4, y - 40);
+    g.beginPath();
+    for (const [right, up] of [[0, 36], [-4, 22], [4, 22]]) g.lineTo(x - 4 + right, y - up);
+    g.fill();
   }
   function drawRuler(g, view, y, colours) {
     g.fillStyle = colours.muted;
@@ -237,6 +351,10 @@
   function drawVehicle(g, view, box, { fill, outline, kind, isBraking }) {
     within(g, view, box, (length, width) => {
       g.fillStyle = fill;
+      if (kind === "person") {
+        drawPerson(g, Math.max(3.5, 0.75 * length), outline);
+        return;
+      }
       g.fillRect(-length / 2, -width / 2, length, width);
       g.fillStyle = "rgba(255,255,255,0.55)";
       const [behindNose, deep] = kind === "truck" ? [0.9 * view.scale, 0.7 * view.scale] : [0.38 * length, 0.13 * length];
@@ -255,6 +373,16 @@
       g.lineWidth = outline ? 2 : 1;
       g.strokeRect(-length / 2, -width / 2, length, width);
     });
+  }
+  function drawPerson(g, radius, outline) {
+    g.beginPath();
+    g.arc(0, 0, radius, 0.6, 2 * Math.PI - 0.6);
+    g.lineTo(1.7 * radius, 0);
+    g.closePath();
+    g.fill();
+    g.strokeStyle = outline ?? "rgba(0,0,0,0.7)";
+    g.lineWidth = outline ? 2 : 1;
+    g.stroke();
   }
   function drawGhost(g, view, box, colour) {
     within(g, view, box, (length, width) => {
@@ -333,7 +461,8 @@
   function colourOf(item, index, critical, colours) {
     if (index === 0) return colours.av;
     if (index === item.partner) return colours.partner;
-    return index === critical ? colours.critical : colours.other;
+    if (index === critical) return colours.critical;
+    return item.vehicles[index].kind === "person" ? colours.person : colours.other;
   }
   function around(view, box) {
     const [c, s] = [Math.abs(Math.cos(box.h)), Math.abs(Math.sin(box.h))];
@@ -380,20 +509,21 @@
     const kind = vehicle.kind === "car" ? "" : vehicle.kind;
     const speed = box.v.toFixed(1);
     if (!isOfPair) return kind ? `${kind} ${speed}` : speed;
-    const name = index === 0 ? "AV" : `BV ${vehicle.slot}${kind ? `, ${kind},` : ""}`;
+    const name = index === 0 ? "AV" : vehicle.kind === "person" ? `person ${vehicle.slot}` : `BV ${vehicle.slot}${kind ? `, ${kind},` : ""}`;
     return isBrief ? name.replace(/,$/, "") : `${name} ${speed} m/s`;
   }
   function drawScene(canvas, item, frame, look, colours) {
     const av = boxAt(item.vehicles[0], frame);
     const { g, width, height } = prepare(canvas);
     if (width === 0 || !av) return;
-    const view = makeView(item, av.x + (look.ahead ?? 0), width, height, look.metres);
+    const aside = look.ahead ?? 0;
+    const view = item.site ? makeSiteView(item, av, aside, width, height, look.metres) : makeView(item, av.x + aside, width, height, look.metres);
     const critical = criticalAt(item, frame);
-    drawRoad(g, view, item, colours, look.detail);
+    drawRoad(g, view, item, frame, colours, look.detail);
     const boxes = item.vehicles.map((vehicle) => boxAt(vehicle, frame));
     const partner = item.partner > 0 ? boxes[item.partner] ?? null : null;
     const isOfPair = (i) => i === 0 || i === item.partner;
-    const isSeen = (box) => box.x + box.length / 2 > view.left && box.x - box.length / 2 < view.right;
+    const isSeen = ({ x, y, length }) => x + length / 2 > view.left && x - length / 2 < view.right && view.py(y - length / 2) > 0 && view.py(y + length / 2) < view.height;
     const others = boxes.map((_, i) => i).filter((i) => boxes[i] && !isOfPair(i) && isSeen(boxes[i]));
     const order = [...others, ...partner ? [item.partner] : [], 0];
     const colour = (i) => colourOf(item, i, critical, colours);
@@ -429,7 +559,7 @@
     }
     const solid = [...order.map((i) => boxes[i]), ...shades.map(({ box }) => box).filter((box) => box !== null)];
     drawNames(g, view, names, solid, colours);
-    if (partner && !isSeen(partner)) drawPointer(g, view, `BV ${item.vehicles[item.partner].slot}`, av, partner, view.py(item.lanes * item.laneWidth + 0.3), colours);
+    if (partner && !item.site && !isSeen(partner)) drawPointer(g, view, `BV ${item.vehicles[item.partner].slot}`, av, partner, view.py(item.lanes * item.laneWidth + 0.3), colours);
   }
   function drawPointer(g, view, name, av, partner, top, colours) {
     const isAhead = partner.x > av.x;
@@ -453,6 +583,7 @@
   }
   function heightFor(item, width, metres) {
     const scale = width / metres;
+    if (item.site) return Math.round(Math.min(720, Math.max(260, 0.6 * width)));
     return Math.round(Math.min(720, Math.max(150, scale * (item.lanes * item.laneWidth + 0.6) + 70)));
   }
   function fitHeight(canvas, item, metres) {
@@ -460,23 +591,13 @@
     if (canvas.clientHeight !== height) canvas.style.height = `${height}px`;
   }
 
-  // src/shared/clock.ts
-  var PAUSE_S = 0.8;
-  function tick(frame, passed, dt, rate, { from, to, loop }) {
-    const next = frame + Math.max(0, passed) / dt * rate;
-    if (!loop) return next >= to ? { frame: to, over: true } : { frame: next, over: false };
-    const pause = PAUSE_S / dt * rate;
-    return { frame: next >= to + pause ? from : next, over: false };
-  }
-  var whole = (frame) => Math.floor(frame + 1e-6);
-  var clamp = (value, low, high) => Math.max(low, Math.min(high, value));
-
   // src/shared/colours.ts
   var NAMES = [
     "av",
     "partner",
     "critical",
     "other",
+    "person",
     "road",
     "verge",
     "paint",
@@ -496,7 +617,10 @@
     "ghost-1-box",
     "ghost-2-box",
     "ghost-3-box",
-    "ghost-4-box"
+    "ghost-4-box",
+    "signal-green",
+    "signal-amber",
+    "signal-red"
   ];
   var css = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
   function readColours() {
@@ -743,7 +867,7 @@
       end: item.ends[side],
       av: show(av?.v, "m/s"),
       bv: show(bv?.v, "m/s"),
-      gap: show(av && bv && gapAlong(av, bv), "m"),
+      gap: show(recording && av && bv && gapOf(recording, av, bv), "m"),
       state: touches ? "contact" : isOver ? "over" : recording ? "driving" : "–"
     };
     for (const [name, value] of Object.entries(cells)) byId(`${side}-${name}`).textContent = value;
@@ -803,19 +927,6 @@
       drawFigure(element, figure, width && Math.round(share * width));
     }));
     document.querySelectorAll("[data-figure]").forEach((element) => drawFigure(element, figures[element.dataset.figure]));
-  }
-
-  // src/shared/framing.ts
-  var [LEAST_M, MOST_M, ROOM_M] = [46, 110, 22];
-  function frameFor(item, begin, end) {
-    const partner = item.vehicles[item.partner];
-    let [low, high] = [0, 0];
-    for (let frame = begin; partner && frame <= end; frame++) {
-      const [av, other] = [valueAt(item.vehicles[0], "x", frame), valueAt(partner, "x", frame)];
-      if (av === null || other === null) continue;
-      [low, high] = [Math.min(low, other - av), Math.max(high, other - av)];
-    }
-    return { metres: clamp(high - low + ROOM_M, LEAST_M, MOST_M), ahead: (low + high) / 2 };
   }
 
   // src/pages/look.ts
@@ -896,7 +1007,7 @@
       before: show(item.crash === null ? null : (item.crash - frame) * item.dt, "s"),
       av: show(av.v, "m/s"),
       bv: show(bv?.v, "m/s"),
-      gap: show(bv && gapAlong(av, bv), "m"),
+      gap: show(bv && gapOf(item, av, bv), "m"),
       ttc: ttc(item.ttc[frame]),
       plane: ttc(item.ttcPlane[frame]),
       critical: critical && critical !== item.vehicles[0] ? `BV ${critical.slot}: ${item.action[k] || "–"}` : "–",

@@ -1,4 +1,4 @@
-"""Built-in AVs of sites: they look as drivers do, every tenth of a second, and take no chance (`AvNumbers.junction`)."""
+"""Built-in AVs of sites: they look as drivers do, every tenth of a second, and take no chance."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from cornerforge.sim.world import NO_VEHICLE
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
-    from cornerforge.road.straight import RoadNumbers
     from cornerforge.drivers.avs import AvNumbers
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.world import World
 
 __all__ = ["junction_av_decides"]

@@ -13,8 +13,8 @@ import numpy as np
 
 from cornerforge._elementary import exp, log, sin_cos
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.drivers.idm import IdmNumbers, free_acceleration, idm_acceleration
+from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.sim.world import ALL_OF_THEM, NO_VEHICLE
 from cornerforge.site.network import TURNS
 from cornerforge.site.tables import (

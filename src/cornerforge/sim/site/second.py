@@ -9,16 +9,17 @@ import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel, shared_kernel
 from cornerforge._philox import PURPOSE_DECIDE, block, blocks
+from cornerforge.sim.actions import nearest_action
+from cornerforge.sim.controllers import HIDDEN
 from cornerforge.sim.motion import go_on
 from cornerforge.sim.outcome import COMPLETED
-from cornerforge.sim.actions import nearest_action
-from cornerforge.sim.site.choice import act_at_site, draw_action
+from cornerforge.sim.site.choice import act_at_site, draw_action, natural_choice
 from cornerforge.sim.site.look import look_as_driver, seconds_of
 from cornerforge.sim.site.people import look_as_walker
 from cornerforge.sim.steering import steer
-from cornerforge.sim.world import COMES, GONE, HERE, moment_of
-from cornerforge.site.tables import longer, mapped, pose_at, speed_at
-from cornerforge.types import FRAME_S, PERSON, SUBSTEPS
+from cornerforge.sim.world import COMES, GONE, HERE, NO_ACTION, moment_of
+from cornerforge.site.tables import mapped, pose_at, speed_at
+from cornerforge.types import FRAME_S, N_ACTIONS, PERSON, SUBSTEPS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -33,6 +34,7 @@ __all__ = [
     "decide_at_site",
     "ends_at_site",
     "find_pairs_at_site",
+    "follow_at_site",
     "has_arrived",
     "leave",
     "look_around",
@@ -75,6 +77,37 @@ def decide_at_site(w: World, controlled_action: int, setting: Setting, s: Scratc
                 if action != hold:  # whoever does something else looks at the road
                     w.vehicles[i].away = 0
             w.vehicles[i].action = action
+
+
+@shared_kernel
+def follow_at_site(w: World, setting: Setting, s: Scratch, chances: NDArray[np.float64]) -> None:
+    """Let every agent but the AV look, and take its action of the script, or where that has none its likeliest.
+
+    The probabilities go into `chances` (K, N, 33) for the first K decisions.
+    """
+    state = w.state[0]
+    step = state.decisions
+    for k in range(state.n_current):
+        i = w.current[k]
+        if i == 0:
+            continue
+        look_around(w, i, setting.road.site)
+        action: int = setting.who.script[step, i]
+        recorded = step < chances.shape[0]
+        if action >= HIDDEN + NO_ACTION:
+            state.hidden = i
+            action -= HIDDEN
+        if recorded or action == NO_ACTION:
+            natural_choice(w, i, setting.road.site, s.choice.p)
+            best = 0
+            for a in range(N_ACTIONS):
+                if s.choice.p[a] > s.choice.p[best]:
+                    best = a
+                if recorded:
+                    chances[step, i, a] = s.choice.p[a]
+            if action == NO_ACTION:
+                action = best
+        w.vehicles[i].action = action
 
 
 @inlined_kernel

@@ -16,8 +16,9 @@ from cornerforge.sim.outcome import UNDRAWN
 from cornerforge.sim.site.look import OBEYS, TURNS_ON_RED, WARM_STEP
 from cornerforge.sim.site.second import bring_in, find_pairs_at_site, warm_second
 from cornerforge.sim.world import COMES, GONE, HERE, NO_ACTION, NO_VEHICLE, list_all
-from cornerforge.site.tables import WALK, WARM_UP, longer, mapped, pose_at, speed_at
 from cornerforge.site.laws import WALK_SHARES
+from cornerforge.site.signals import first_clock
+from cornerforge.site.tables import WALK, WARM_UP, longer, mapped, pose_at, speed_at
 from cornerforge.types import CAR, CLASSES, PERSON, TRUCK
 
 if TYPE_CHECKING:
@@ -223,7 +224,7 @@ def reset_at_site(w: World, setting: Setting) -> None:
     approach = min(lanes - 1, math.floor(uniform(words[0]) * lanes))
     car = (road.length, road.width)
     _join(w, 0, _route_from(site, approach, uniform(words[1])), 0.0, car)
-    state.clock = site[0].cycle * uniform(words[2])
+    state.clock = first_clock(site[0].cycle, state.seed, state.test)
     state.n_vehicles = 1
     if not _schedule(w, approach, float(road.max_decisions), site, car):
         state.outcome = UNDRAWN

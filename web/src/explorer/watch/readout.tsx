@@ -5,7 +5,7 @@ import { boxAt, crashFrame, decisionAt } from "../../shared/motion";
 import { accelerationAt } from "../../shared/trails";
 import { time } from "../state";
 import { type Run, frameOf, isOn } from "./run";
-import { gapAt } from "./series";
+import { gapAt, gapName } from "./series";
 import { runs } from "./view";
 
 interface Reading {
@@ -19,11 +19,13 @@ interface Reading {
 const partner = ({ item }: Run) => (item.partner > 0 ? item.vehicles[item.partner]! : null);
 const ttc = (values: readonly (number | null)[], frame: number) => (values.length === 0 ? null : (values[frame] ?? Infinity));
 
+const gapOfPair = ({ item }: Run, frame: number) => gapAt(item, frame);
+
 const READINGS: readonly Reading[] = [
   { name: "AV speed", unit: "m/s", digits: 1, value: ({ item }, frame) => boxAt(item.vehicles[0]!, frame)?.v },
   { name: "BV speed", unit: "m/s", digits: 1, value: (run, frame) => { const bv = partner(run); return bv && boxAt(bv, frame)?.v; } },
   { name: "AV acceleration", unit: "m/s²", digits: 1, value: ({ item }, frame) => accelerationAt(item.vehicles[0]!, frame, item.dt) },
-  { name: "gap along the road", unit: "m", digits: 1, value: ({ item }, frame) => gapAt(item, frame) },
+  { name: "gap", unit: "m", digits: 1, value: gapOfPair },
   { name: "TTC in the lane", unit: "s", digits: 1, value: ({ item }, frame) => ttc(item.ttc, frame) },
   { name: "TTC in the plane", unit: "s", digits: 1, value: ({ item }, frame) => ttc(item.ttcPlane, frame) },
 ];
@@ -56,7 +58,9 @@ export function Readout() {
   if (shown.length === 0) return null;
   const frames = shown.map((run) => rounded(now, run));
   const [a, b] = [shown[0]!, shown[1]];
-  const rows = READINGS.map((reading) => ({ ...reading, values: shown.map((run, i) => reading.value(run, frames[i]!)) }));
+  const isSite = a.item.site !== undefined;
+  const readings = READINGS.filter(({ name }) => !(isSite && name === "TTC in the lane"));
+  const rows = readings.map((reading) => ({ ...reading, name: reading.value === gapOfPair ? gapName(a.item) : reading.name, values: shown.map((run, i) => reading.value(run, frames[i]!)) }));
   const said = controlled(a, frames[0]!);
   if (!b) {
     return (

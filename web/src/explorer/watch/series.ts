@@ -1,7 +1,7 @@
 // What the time series show, from the recordings on the clock. Pure; null where there is no value.
 import type { Case, Motion } from "../../shared/case";
 import type { ColourName } from "../../shared/colours";
-import { boxAt, gapAlong, frameAt } from "../../shared/motion";
+import { boxAt, gapOf, frameAt } from "../../shared/motion";
 import { accelerationAt } from "../../shared/trails";
 import { type Run, spanOf } from "./run";
 
@@ -76,9 +76,9 @@ export function series(runs: readonly Run[], ghosts: readonly GhostLine[]): Seri
   const panels: Panel[] = [
     { name: "speed", unit: "m/s", lines: [...speed, ...shades], range: around([...speed, ...shades], 6, 0) },
     { name: "acceleration", unit: "m/s²", lines: acceleration, range: around(acceleration, 4) },
-    { name: "gap along the road", unit: "m", lines: gap, range: around(gap, 10) },
+    { name: gapName(first.item), unit: "m", lines: gap, range: around(gap, 10) },
     { name: "time to collision", unit: "s", lines: ttc.filter(isKnown), range: [0, TTC_MOST] },
-    { name: "place across the road", unit: "m", lines: lateral, range: [0, wide] },
+    ...(first.item.site ? [] : [{ name: "place across the road", unit: "m", lines: lateral, range: [0, wide] as const }]),
   ];
   return { x, panels: panels.filter(({ lines: all }) => all.some(isKnown)) };
 }
@@ -98,11 +98,14 @@ function pairOf(item: Case): Member[] {
   return partner ? [av, { motion: partner, what: `BV ${partner.slot}`, colour: "partner" }] : [av];
 }
 
-/** Gap to the partner along the road [m]; null where there is none, or it is not recorded. */
+/** What the gap of `gapAt` is called. */
+export const gapName = ({ site }: Case): string => (site ? "distance of the boxes" : "gap along the road");
+
+/** Gap to the partner [m]; null where there is none, or it is not recorded. */
 export function gapAt(item: Case, frame: number): Value {
   const partner = item.partner > 0 ? item.vehicles[item.partner] : undefined;
   const [a, b] = [boxAt(item.vehicles[0]!, frame), partner ? boxAt(partner, frame) : null];
-  return a && b ? gapAlong(a, b) : null;
+  return a && b ? gapOf(item, a, b) : null;
 }
 
 /** Lowest and highest value with room around, at least `least` apart, so that noise does not look like a manoeuvre. */

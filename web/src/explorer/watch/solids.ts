@@ -20,6 +20,7 @@ const box = (stuff: Stuff, rear: number, front: number, half: number, from: numb
 /** The parts of a vehicle of a class and size; the whole keeps to its length and width. */
 export function vehicleBlocks(kind: Kind, length: number, width: number): Block[] {
   if (kind === "truck") return truck(length, width);
+  if (kind === "person") return person(length, width);
   return kind === "motorcycle" ? motorcycle(length, width) : car(length, width);
 }
 
@@ -62,6 +63,15 @@ function motorcycle(length: number, width: number): Block[] {
     box("glass", -0.15 * l, 0.15 * l, 0.14, 1.45, 1.72),
     box("rear lamp", -0.72 * l, -0.68 * l, 0.12, 0.75, 0.9),
     box("head lamp", 0.68 * l, 0.73 * l, 0.12, 0.75, 0.92),
+  ];
+}
+
+function person(length: number, width: number): Block[] {
+  const [l, w] = [length / 2, width / 2];
+  return [
+    { stuff: "dark", bottom: [-0.4 * l, 0.4 * l, 0.6 * w], top: [-0.3 * l, 0.3 * l, 0.7 * w], from: 0.02, to: 0.85 },
+    { stuff: "body", bottom: [-0.4 * l, 0.4 * l, 0.7 * w], top: [-0.4 * l, 0.4 * l, w], from: 0.85, to: 1.45 },
+    { stuff: "load", bottom: [-0.35 * l, 0.4 * l, 0.35 * w], top: [-0.35 * l, 0.35 * l, 0.3 * w], from: 1.5, to: 1.75 },
   ];
 }
 

@@ -2,19 +2,22 @@
 // the camera. Loaded when it is first asked for.
 import {
   AmbientLight, BufferAttribute, BufferGeometry, Color, DirectionalLight, EdgesGeometry, Fog, Group, LineBasicMaterial, LineSegments, Mesh,
-  MeshBasicMaterial, MeshLambertMaterial, PerspectiveCamera, Scene, Vector3, WebGLRenderer,
+  MeshBasicMaterial, MeshLambertMaterial, PerspectiveCamera, Scene, ShapeUtils, Vector2, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
-import type { Case, Kind, Motion } from "../../shared/case";
+import type { Case, Kind, Motion, Outline, Site } from "../../shared/case";
 import type { Colours } from "../../shared/colours";
 import { boxAt, criticalAt, touch } from "../../shared/motion";
+import { WIDE, letterAt, lightColour } from "../../shared/site";
 import { type Corners, type Line, MARKS, outlines, strokes, surfaceOf } from "../../shared/surface";
 import { brakes, trail } from "../../shared/trails";
+import { turned as turnedEye } from "./eye";
 import { LIGHT, Painter } from "./painter";
 import { type Stuff, faces, triangles, vehicleBlocks } from "./solids";
 
 /** What the camera looks at is this far ahead of the AV and this high [m]. */
 const [AHEAD, HIGH] = [2, 1];
+const TILE = 40; // of the ground [m]
 const ORDER = { verge: 0, road: 1, paint: 2, shadow: 3, trail: 4, solid: 5, ghost: 6, contact: 7 };
 
 export interface Shown {
@@ -71,11 +74,12 @@ export function makeView3d(item: Case, colours: Colours, turned: (eye: [number, 
   Object.assign(controls, { enablePan: false, enableDamping: false, minDistance: 5, maxDistance: 140, maxPolarAngle: 1.53, rotateSpeed: 0.6 });
   const world = new World(scene, item, colours);
   const target = new Vector3();
-  let isOurs = false;
+  let [isOurs, heading] = [false, 0]; // at a site the camera turns with the AV
   controls.addEventListener("change", () => {
     if (isOurs) return;
     const eye = camera.position.clone().sub(controls.target);
-    turned([eye.x, eye.y, eye.z]);
+    const [x, y, z] = turnedEye([eye.x, eye.y, eye.z], -heading);
+    turned([x, y, z]);
   });
   const size = { width: 1, height: 1 };
   return {
@@ -94,9 +98,12 @@ export function makeView3d(item: Case, colours: Colours, turned: (eye: [number, 
       if (!av) return [];
       world.put(shown);
       isOurs = true; // so that following the AV does not count as a drag
-      target.set(av.x + AHEAD, av.y, HIGH);
+      heading = item.site ? av.h : 0;
+      const [ahead, aside] = turnedEye([AHEAD, 0, 0], heading);
+      target.set(av.x + ahead, av.y + aside, HIGH);
       controls.target.copy(target);
-      camera.position.set(target.x + shown.eye[0], target.y + shown.eye[1], target.z + shown.eye[2]);
+      const eye = turnedEye(shown.eye, heading);
+      camera.position.set(target.x + eye[0], target.y + eye[1], target.z + eye[2]);
       camera.lookAt(target);
       controls.update();
       isOurs = false;
@@ -121,7 +128,7 @@ export function makeView3d(item: Case, colours: Colours, turned: (eye: [number, 
   };
 }
 
-const heightOf = (kind: Kind): number => (kind === "truck" ? 3.7 : 1.6);
+const heightOf = (kind: Kind): number => (kind === "truck" ? 3.7 : kind === "person" ? 1.8 : 1.6);
 
 /** Everything that stands or moves in the scene. */
 class World {
@@ -129,6 +136,7 @@ class World {
   private readonly shades: Group[] = [];
   private readonly ribbons: Mesh<BufferGeometry, MeshBasicMaterial>[];
   private readonly ring: Mesh<BufferGeometry, MeshBasicMaterial>;
+  private readonly lights: MeshBasicMaterial[];
   private readonly lamps = { on: new MeshBasicMaterial({ color: "#ff3b30" }), off: new MeshBasicMaterial({ color: "#6d1b16" }) };
 
   constructor(private readonly scene: Scene, private readonly item: Case, private readonly colours: Colours) {
@@ -140,7 +148,8 @@ class World {
     const sun = new DirectionalLight("#ffffff", LIGHT.direct * Math.PI);
     sun.position.copy(LIGHT.from);
     scene.add(new AmbientLight("#ffffff", LIGHT.ambient * Math.PI), sun);
-    this.layRoad(green);
+    this.lights = item.site ? this.laySite(item.site, green) : [];
+    if (!item.site) this.layRoad(green);
     this.vehicles = item.vehicles.map((vehicle) => this.makeVehicle(vehicle.kind, vehicle.length, vehicle.width));
     this.ribbons = item.vehicles.map(() => {
       const ribbon = flat([], colours.other, ORDER.trail);
@@ -200,6 +209,32 @@ class World {
     }
   }
 
+  /** Ground, lanes, crosswalks and stop lines of a site; what is returned colours its lights. */
+  private laySite(site: Site, green: Color): MeshBasicMaterial[] {
+    const { colours, scene } = this;
+    const places = site.lanes.flat();
+    const [xs, ys] = [0, 1].map((k) => places.filter((_, i) => i % 2 === k)) as [number[], number[]];
+    const reach = (values: number[]) => {
+      const [from, to] = [Math.min(...values) - 240, Math.max(...values) + 240];
+      return Array.from({ length: Math.ceil((to - from) / TILE) }, (_, i) => from + TILE * i);
+    };
+    const grass = flat(reach(xs).flatMap((x) => reach(ys).map((y) => patch(x, x + TILE, y, y + TILE, -0.02))), green, ORDER.verge);
+    grass.material.depthWrite = false;
+    const lines = (all: readonly Outline[], wide: number) => all.flatMap((line) => bands(line, 1.3 * wide, 0.012));
+    scene.add(
+      grass,
+      flat([...site.lanes.flatMap((lane) => tiles(lane, 0)), ...site.lanes.flatMap((lane) => bands(lane, 1.2, 0))], colours.road, ORDER.road),
+      flat([...lines(site.edges, WIDE.edge), ...site.bars.flatMap((bar) => tiles(bar, 0.01)), ...lines(site.stops, WIDE.stop)], colours.paint, ORDER.paint),
+    );
+    return site.lights.map(({ at, walks }) => {
+      const material = new MeshBasicMaterial({ color: colours["signal-red"] });
+      const stroke = solid(bands(at, walks ? 0.5 : 0.9, 0.02), material);
+      stroke.renderOrder = ORDER.paint;
+      scene.add(stroke);
+      return material;
+    });
+  }
+
   private makeVehicle(kind: Kind, length: number, width: number): Group {
     const group = new Group();
     const blocks = vehicleBlocks(kind, length, width);
@@ -245,7 +280,7 @@ class World {
       if (!box) return;
       group.position.set(box.x, box.y, 0);
       group.rotation.z = box.h;
-      const colour = index === 0 ? colours.av : index === item.partner ? colours.partner : index === critical ? colours.critical : colours.other;
+      const colour = index === 0 ? colours.av : index === item.partner ? colours.partner : index === critical ? colours.critical : vehicle.kind === "person" ? colours.person : colours.other;
       for (const part of group.children as Mesh<BufferGeometry, MeshLambertMaterial>[]) {
         if (part.name === "body") part.material.color.set(colour);
         if (part.name === "load") part.material.color.set(colour).lerp(new Color("#ffffff"), 0.35);
@@ -256,6 +291,7 @@ class World {
         lay(ribbon.geometry, trail(vehicle, frame, seconds, item.dt));
       }
     });
+    item.site?.lights.forEach((light, i) => this.lights[i]!.color.set(lightColour(letterAt(light, frame), colours)));
     this.putShades(frame, ghosts);
     const pair = [0, item.partner].map((index) => (index >= 0 ? boxAt(item.vehicles[index]!, frame) : null));
     const met = item.crash !== null && frame >= item.crash && pair[0] && pair[1] ? touch(pair[0], pair[1]) : null;
@@ -303,6 +339,26 @@ type Quad = readonly (readonly [number, number, number])[];
 
 const patch = (x0: number, x1: number, y0: number, y1: number, z: number): Quad => [[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]];
 
+/** A filled outline on the ground, in triangles: quads whose last two corners are one. */
+function tiles(outline: Outline, z: number): Quad[] {
+  const points = Array.from({ length: outline.length / 2 }, (_, i) => new Vector2(outline[2 * i], outline[2 * i + 1]));
+  if (ShapeUtils.isClockWise(points)) points.reverse();
+  return ShapeUtils.triangulateShape(points, []).map((three) => {
+    const [a, b, c] = three.map((i) => [points[i]!.x, points[i]!.y, z] as const);
+    return [a!, b!, c!, c!];
+  });
+}
+
+/** A line on the ground, so wide [m]. */
+function bands(line: Outline, wide: number, z: number): Quad[] {
+  return Array.from({ length: line.length / 2 - 1 }, (_, i): Quad => {
+    const [x0, y0, x1, y1] = line.slice(2 * i, 2 * i + 4) as [number, number, number, number];
+    const long = Math.hypot(x1 - x0, y1 - y0) || 1;
+    const [dx, dy] = [(-(y1 - y0) / long) * (wide / 2), ((x1 - x0) / long) * (wide / 2)];
+    return [[x0 - dx, y0 - dy, z], [x1 - dx, y1 - dy, z], [x1 + dx, y1 + dy, z], [x0 + dx, y0 + dy, z]];
+  });
+}
+
 function solid<M extends MeshLambertMaterial | MeshBasicMaterial>(quads: readonly Quad[], material: M): Mesh<BufferGeometry, M> {
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(triangles(quads), 3));
@@ -333,7 +389,9 @@ function lay(geometry: BufferGeometry, points: readonly { readonly x: number; re
   const quads: Quad[] = [];
   for (let i = 0; i < most; i++) {
     const [a, b] = [points[i]!, points[i + 1]!];
-    quads.push([[b.x, b.y - half, 0.03], [a.x, a.y - half, 0.03], [a.x, a.y + half, 0.03], [b.x, b.y + half, 0.03]]);
+    const long = Math.hypot(a.x - b.x, a.y - b.y) || 1;
+    const [dx, dy] = [(-half * (a.y - b.y)) / long, (half * (a.x - b.x)) / long];
+    quads.push([[b.x - dx, b.y - dy, 0.03], [a.x - dx, a.y - dy, 0.03], [a.x + dx, a.y + dy, 0.03], [b.x + dx, b.y + dy, 0.03]]);
   }
   (positions.array as Float32Array).set(triangles(quads));
   positions.needsUpdate = true;

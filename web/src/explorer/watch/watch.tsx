@@ -146,7 +146,7 @@ function Watched({ about, item }: { about: About; item: WatchedCase }) {
           </div>
           <Transport manoeuvre={manoeuvre} width={width} />
           <Readout />
-          <Key perceives={item.vehicles.some((one) => one.seenX)} hasPartner={item.partner > 0} isControlled={item.critical.some((index) => index > 0)} />
+          <Key isSite={item.site !== undefined} hasPeople={item.vehicles.some(({ kind }) => kind === "person")} perceives={item.vehicles.some((one) => one.seenX)} hasPartner={item.partner > 0} isControlled={item.critical.some((index) => index > 0)} />
           <GhostToggles item={item} drivers={about.drivers} loaded={drivers} />
           <Beside about={about} caseKey={item.key} />
           {isLater.value && <Charts manoeuvre={manoeuvre} />}
@@ -173,18 +173,20 @@ function shadesOf(item: WatchedCase, known: Readonly<Record<string, Ghost>>, wan
   return [...way, ...found];
 }
 
-function Key({ hasPartner, isControlled, perceives }: { hasPartner: boolean; isControlled: boolean; perceives: boolean }) {
+function Key({ hasPartner, isControlled, perceives, isSite, hasPeople }: { hasPartner: boolean; isControlled: boolean; perceives: boolean; isSite: boolean; hasPeople: boolean }) {
   return (
     <ul class="key" aria-label="Key to the picture">
       <li><span class="box av" />AV</li>
       {hasPartner && <li><span class="box partner" />BV it crashes with</li>}
       {isControlled && <li><span class="box critical" />other BV while the adversary controls it</li>}
       <li><span class="box other" />other BVs</li>
+      {hasPeople && <li><span class="box person" />people on foot</li>}
+      {isSite && <li>lines across lanes and at kerbs: lights as they show green, amber and red</li>}
       <li><span class="box contact" />contact</li>
       <li><span class="box braking" />red at the rear: brakes</li>
       {camera.value === "above" ? (
         <>
-          <li>dashed arrow: lane change</li>
+          {!isSite && <li>dashed arrow: lane change</li>}
           {perceives && <li>faint: the AV does not see it; dashed box: where it sees it</li>}
           <li>line behind: the last 3 s, a dot each second</li>
           <li>numbers: speed [m/s]</li>
