@@ -1,7 +1,7 @@
 """Acts of BVs near the AV that would endanger it in the coming second, how likely, and how dangerous each is.
 
 An *act* is a thing that happens or not: a BV begins to change lanes, turns back or goes on in a lane change, or its
-driver looks away. Its chance is that with which `decide_bvs` draws it, an exact count of random words (`sim.steering`).
+driver looks away; at a site, it goes where it has to choose. Its chance is that with which `decide_bvs` draws it, an exact count of random words (`sim.steering`).
 Acts of one random word form a *group*, of which at most one happens; the other words are the group's rest. Groups are
 independent of each other.
 
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.rates.branching.at_site import note_agent
 from cornerforge.rates.branching.danger import (
     N_SEEN,
     REACH,
@@ -29,6 +30,7 @@ from cornerforge.rates.branching.danger import (
 )
 from cornerforge.road.straight import ahead_by, lane_of
 from cornerforge.sim import braking, chances, neighbours, steering
+from cornerforge.site.tables import at_site
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -182,12 +184,33 @@ def _note_words(w: World, i: int, setting: Setting, near: Any) -> None:
 
 
 @kernel
+def _look_at_site(w: World, setting: Setting, network: Network, s: Survey) -> float:
+    """Note all agents that meet the AV soon and how dangerous each is; return their dangers together."""
+    total, n = 0.0, 0
+    s.follower[0] = -1
+    nothing = Ahead(0.0, 10.0)
+    for k in range(w.state[0].n_current):
+        i = w.current[k]
+        if i == 0 or n == MOST_NEAR or not note_agent(w, i, setting.road.site, s.near[n]):
+            continue
+        near = s.near[n]
+        look_at(w, i, intent_now(near), near.away, nothing, setting.road, s.seen[n])
+        near.danger = danger(network, s.seen[n], s.layers)
+        total += near.danger
+        n += 1
+    s.n_near[0] = n
+    return total
+
+
+@kernel
 def look_around(w: World, setting: Setting, network: Network, s: Survey) -> tuple[float, Ahead]:
     """Note all BVs near the AV and how dangerous each is.
 
     Returns:
         Their dangers together; what is ahead of the AV.
     """
+    if at_site(setting.road.site):
+        return _look_at_site(w, setting, network, s), Ahead(0.0, 10.0)
     v = w.vehicles
     neighbours.sort_by_x(w)
     ahead = look_ahead(w)
@@ -206,7 +229,7 @@ def look_around(w: World, setting: Setting, network: Network, s: Survey) -> tupl
         near.lane = v[i].target_lane
         near.away = braking.looks_away_chance(v, i, setting.road, setting.tables.memory)
         _note_words(w, i, setting, near)
-        look_at(w.vehicles, i, intent_now(near), near.away, ahead, setting.road, s.seen[n])
+        look_at(w, i, intent_now(near), near.away, ahead, setting.road, s.seen[n])
         near.danger = danger(network, s.seen[n], s.layers)
         total += near.danger
         if v[i].lanes & v[0].lanes and nearest < dx < 0.0:
@@ -249,7 +272,7 @@ def _danger_if(
     w: World, near: int, intent: Intent, ahead: Ahead, setting: Setting, network: Network, s: Survey
 ) -> float:
     """Compute the danger of a near BV that does as `intent` says."""
-    look_at(w.vehicles, s.near[near].slot, intent, s.near[near].away, ahead, setting.road, s.look)
+    look_at(w, s.near[near].slot, intent, s.near[near].away, ahead, setting.road, s.look)
     return danger(network, s.look, s.layers)
 
 
@@ -360,6 +383,11 @@ def list_acts(
             s.n_left_out[0] += 1
             break
         near = s.near[n]
+        if at_site(setting.road.site) and 0 < near.low < steering.ALL_WORDS:
+            choice = Choice(n, GOES_ON, steering.LANE, 0, near.low, near.lane, near.left)
+            soon += _add_act(w, choice, total, ahead, setting, network, s)
+            if _is_listed(w, least, ahead, setting, network, s):
+                _close_group(s, near.low, steering.ALL_WORDS - near.low)
         time = w.vehicles[near.slot].change_time
         away = steering.words_below(near.away)
         if 0 < away < steering.ALL_WORDS:
@@ -367,6 +395,8 @@ def list_acts(
             soon += _add_act(w, choice, total, ahead, setting, network, s)
             if _is_listed(w, least, ahead, setting, network, s):
                 _close_group(s, away, steering.ALL_WORDS - away)
+        if at_site(setting.road.site):
+            continue
         if near.left == 0.0 and near.high < steering.ALL_WORDS:
             left_listed = False
             if near.low > 0:
