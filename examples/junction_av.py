@@ -24,6 +24,7 @@ class MyAv:
 
     interface = 2  # it answers for many worlds at once
     answers = "acceleration"
+    objects = 16  # so many of the nearest agents it sees
 
     def act(self, scenes):
         speed, moment, path, agents = scenes.own.vx, scenes.moment, scenes.path, scenes.agents
@@ -33,7 +34,7 @@ class MyAv:
         room = moment.to_stop_line
         stops = (moment.light == RED) | (moment.light == YELLOW)
         stops &= (room > -0.5) & (speed**2 < 2 * 4.0 * np.maximum(room, 0.2))
-        command = np.where(stops, np.minimum(command, follow(speed, room + STANDSTILL - 0.5)), command)
+        command = np.where(stops, np.minimum(command, follow(speed, room + STANDSTILL - 1.0)), command)
         # where agents are as the points of the path see it, if they go straight on: (B, N, 20)
         heed = self.heeded(agents, moment.time)[..., None]
         dx = path.x[:, None] - agents.x[..., None]
@@ -59,7 +60,7 @@ class MyAv:
         # others: stop before the first point at which one could be when it is there itself
         enters = np.maximum(s - front[:, None] - 1.0, 0.0) / np.maximum(speed, 3.0)[:, None]
         is_out = enters + (2 * front + 2.0)[:, None] / np.maximum(speed, 3.0)[:, None]
-        comes_between = (comes < is_out[:, None] + GAP) & (leaves > enters[:, None] - 0.5)
+        comes_between = (comes < is_out[:, None] + GAP) & (leaves > enters[:, None] - 1.0)
         first = (agents.priority > 0)[..., None] | person
         cannot_stop = comes < 0.5 * pace / 4.0 + 0.5  # without priority it is thought to stop while it can
         conflict = meets & ~(leads.any(axis=2)[..., None] & along) & comes_between & (first | cannot_stop)

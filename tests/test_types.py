@@ -110,6 +110,7 @@ def test_all_fields_with_a_dimension_state_their_unit() -> None:
         "length",
         "width",
         "change_time",
+        "signals_s",
         "shortfall",
         "excess",
     }

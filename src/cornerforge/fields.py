@@ -106,13 +106,16 @@ _FLAT = "vehicle by vehicle: vehicle i at frame t stands at i * n_frames + t"
 
 SERIES: tuple[Series, ...] = (
     Series("x", Field(
-        "x_m", "float32", "m", f"Box centre along the road, at a site to the east, {_FLAT}; NaN where absent.", _METRES, nan=True)),
+        "x_m", "float32", "m", f"Box centre along the road, at a site to the east, {_FLAT}; NaN where absent.",
+        _METRES, nan=True)),
     Series("y", Field(
         "y_m", "float32", "m", "Box centre, to the left of the right road edge, at a site to the north; NaN where "
         "absent.", _METRES, nan=True)),
-    Series("speed", Field("speed_mps", "float32", "m/s", "Along the road, at a site along the own way; NaN where absent.", _SPEEDS, nan=True)),
+    Series("speed", Field("speed_mps", "float32", "m/s", "Along the road, at a site along the own way; NaN "
+          "where absent.", _SPEEDS, nan=True)),
     Series("heading", Field(
-        "heading_rad", "float32", "rad", "Counter-clockwise from the road's direction, at a site from the east; NaN where "
+        "heading_rad", "float32", "rad", "Counter-clockwise from the road's direction, at a site from the east; "
+        "NaN where "
         "absent.", _ANGLES,
         nan=True)),
     Series("acceleration", Field(
@@ -152,11 +155,13 @@ def _limits(who: str, name: str) -> tuple[Field, ...]:
     real = "float64"
     return (
         Field(
-            f"{who}_max_acceleration_mps2", real, "m/s2", f"Largest acceleration of {name}; null below 2 frames, and of people.",
+            f"{who}_max_acceleration_mps2", real, "m/s2", f"Largest acceleration of {name}; null below 2 "
+            f"frames, and of people.",
             _GREATEST, nullable=True,
         ),
         Field(
-            f"{who}_max_braking_mps2", real, "m/s2", f"Largest braking of {name}, positive; null below 2 frames, and of people.",
+            f"{who}_max_braking_mps2", real, "m/s2", f"Largest braking of {name}, positive; null below 2 "
+            f"frames, and of people.",
             _GREATEST, nullable=True,
         ),
         Field(
@@ -215,18 +220,24 @@ CASES: tuple[Field, ...] = (
         "relative_heading_rad", "float64", "rad", "Partner's heading minus the AV's at contact, in [-pi, pi).",
         (-np.pi, np.pi),
     ),
-    Field("relative_lon_m", "float64", "m", "Partner's centre minus the AV's along the road, at a site along the AV's heading, at contact.", _SIZE_OF_TWO),
-    Field("relative_lat_m", "float64", "m", "Partner's centre minus the AV's, to the left of the road, at a site of the AV's heading, at contact.", _SIZE_OF_TWO),
-    Field("av_lane", "int8", "", "Lane that holds the AV's centre at contact, 0 = rightmost; at a site the AV's route.", (-100, 100)),
+    Field("relative_lon_m", "float64", "m", "Partner's centre minus the AV's along the road, at a site along "
+          "the AV's heading, at contact.", _SIZE_OF_TWO),
+    Field("relative_lat_m", "float64", "m", "Partner's centre minus the AV's, to the left of the road, at a "
+          "site of the AV's heading, at contact.", _SIZE_OF_TWO),
+    Field("av_lane", "int8", "", "Lane that holds the AV's centre at contact, 0 = rightmost; at a site the AV's "
+          "route.", (-100, 100)),
     Field(
-        "relative_lane", "int8", "", "Lane of the partner's centre minus the AV's at contact; at a site the routes' indices likewise.",
+        "relative_lane", "int8", "", "Lane of the partner's centre minus the AV's at contact; at a site the "
+        "routes' indices likewise.",
         (-100, 100),
     ),
     *_limits("av", "the AV"),
     *_limits("bv", "the crash partner"),
-    Field("physically_plausible", "bool", "", "AV, partner: -8.5..4 m/s2 along, 4 m/s2 across the road; at a site, of vehicles: -8.5..4 "
+    Field("physically_plausible", "bool", "", "AV, partner: -8.5..4 m/s2 along, 4 m/s2 across the road; at a "
+          "site, of vehicles: -8.5..4 "
           "along, 7 across their way, and none, people included, moves farther in a frame than its speed lets it."),
-    Field("min_ttc_s", "float64", "s", "Smallest TTC of the AV before contact, to vehicles in its path, at a site to all, if both "
+    Field("min_ttc_s", "float64", "s", "Smallest TTC of the AV before contact, to vehicles in its path, at a "
+          "site to all, if both "
           "go on straight; null: never closing.", (0.0, _LARGEST),
           nullable=True),
     Field("n_vehicles", "int16", "", "Vehicles in the test, the AV among them.", (2, _INT16)),

@@ -365,6 +365,8 @@ class Scenario:
             not recorded, as in scenarios read from a library.
         excess: -ln P of the critical BV's action minus its expected value, the entropy of what a natural driver does
             [nats], shape (K,); +inf, 0 and None as of `shortfall`.
+        signals_s: Time of a site's signals at the first frame [s]; None: as the test's name draws it, and on a road
+            (`site.signals.clock_of`).
         hidden: Seconds in which an adversary made the AV lose the critical BV: bit k is 1 for second k.
     """
 
@@ -390,6 +392,7 @@ class Scenario:
     width: NDArray[np.float64] = field(default_factory=lambda: np.empty(0), metadata={"unit": "m"})
     change_time: NDArray[np.float64] = field(default_factory=lambda: np.empty(0), metadata={"unit": "s"})
     hidden: int = 0
+    signals_s: float | None = field(default=None, metadata={"unit": "s"})
 
     def __post_init__(self) -> None:
         size = self.slot.size

@@ -67,10 +67,10 @@ def _preventable(driver: str, odd: Odd, steers: bool, recordings: Recordings) ->
     return Paid(prevented, prevented & ~found.held)
 
 
-def _own_fault(recordings: Recordings) -> Paid:
+def _own_fault(odd: Odd, recordings: Recordings) -> Paid:
     from cornerforge.analysis.fault import FAULTS, assign_fault
 
-    fault = assign_fault(recordings).fault
+    fault = assign_fault(recordings, odd=odd).fault
     alone = fault == FAULTS.index("av")
     return Paid(alone | (fault == FAULTS.index("both")), alone)
 
@@ -87,7 +87,7 @@ def _judge_of(reward: str, run: Experiment) -> Callable[[Recordings], Paid] | No
     if reward == "own-doing":
         return partial(_own_doing, run.odd, run.av_steers)
     if driver is None:
-        return _own_fault
+        return partial(_own_fault, run.odd)
     odd, steers, by_braking = run.odd, run.av_steers, reward.startswith(_BY_BRAKING)
 
     def judge(recordings: Recordings) -> Paid:

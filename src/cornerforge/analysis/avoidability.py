@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from cornerforge._arrow import arrow_fields
 from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge._schema import check_fields, meant
+from cornerforge.analysis.site_avoid import others_at_site, poses_on_route, touches_at, ways_out_at_site
+from cornerforge.analysis.site_case import SiteCase, site_case
 from cornerforge.counterfactual import (
     BRAKING,
     COMBINED,
@@ -25,8 +27,10 @@ from cornerforge.counterfactual import (
     STEERING,
     CaseScratch,
     Manoeuvres,
+    SpeedSearch,
     WaysOut,
     allocate_case_scratch,
+    allocate_speed_search,
     allocate_ways_out,
     search_cases,
 )
@@ -176,7 +180,8 @@ AVOIDABILITY_COLUMNS: tuple[Field, ...] = (
     Field("manoeuvre_begin_s", "float64", "s", "Begin of the manoeuvre that led to it, before the contact; null: not "
           "judged.", BEFORE_CONTACT, nullable=True),
     Field("latest_braking_s", "float64", "s", "Latest moment, before the contact, from which accelerations "
-          "alone help; null: none since the manoeuvre began.", BEFORE_CONTACT, nullable=True),
+          "alone help, at a site braking until it stands; null: none since the manoeuvre began.",
+          BEFORE_CONTACT, nullable=True),
     Field("latest_steering_s", "float64", "s", "The same of lane changes at constant speed alone; null: none.",
           BEFORE_CONTACT, nullable=True),
     Field("latest_any_s", "float64", "s", "The last way out: the same of anything, before "
@@ -195,7 +200,8 @@ AVOIDABILITY_COLUMNS: tuple[Field, ...] = (
           "null likewise.", (-4.0, 4.0), nullable=True),
     Field("witness_acceleration_mps2", "list of float32", "m/s2", "Commanded from each of its decisions on; null "
           "likewise.", (-100.0, 100.0), nullable=True),
-    Field("witness_lane", "list of int8", "", "Target lane from each of its decisions on; null likewise.", (0, 5),
+    Field("witness_lane", "list of int8", "", "Target lane from each of its decisions on, at a site the route; "
+          "null likewise.", (0, 63),
           nullable=True),
 )  # fmt: skip
 """Columns of `avoidability_table`."""
@@ -221,6 +227,8 @@ def avoidability(scenario: Scenario, params: AvoidParams | None = None) -> Avoid
     problem = problem_of(recordings, -1, scenario.odd)
     if problem is not None:
         raise InputError(f"Test {name}: {problem}.")
+    if scenario.odd.site is not None:
+        return _answer_at_site(site_case(recordings, scenario.odd), params)
     out = _search(recordings, scenario.odd, params, threads=1)
     _check_witnesses([name], out)
     return _answer(recordings, out, params)
@@ -252,6 +260,8 @@ def avoidability_table(
     problems = problems_of(recordings, cases.column("bv_slot").to_pylist(), odd)
     judged = np.array([problem is None for problem in problems])
     recordings = recordings._replace(partner=np.where(judged, recordings.partner, 0))
+    if odd.site is not None:
+        return _table_at_site(problems, recordings, odd, params)
     out = _search(recordings, odd, params, threads)
     _check_witnesses(recordings.case_ids, out)
     return _table(problems, recordings, out, params)
@@ -392,6 +402,59 @@ def _answer(recordings: Recordings, out: WaysOut, params: AvoidParams) -> Avoida
         exhaustive=not out.gave_up[0],
         witness=witness,
     )
+
+
+def _answer_at_site(case: SiteCase, params: AvoidParams, scratch: SpeedSearch | None = None) -> Avoidability:
+    """Look for the latest way out of a crash at a site, where the AV can choose its speed and nothing else."""
+    out = ways_out_at_site(case, params, scratch or allocate_speed_search())
+    if out.latest >= 0 and touches_at(case, others_at_site(case, params), out.latest, out.track) >= 0:
+        raise RuntimeError("The AV is touched on its way out. This is a mistake in cornerforge; please report it.")
+    before = [None if frame < 0 else round((case.last - frame) * FRAME_S, 1) for frame in (out.braking, out.latest)]
+    begin = round((case.last - out.begin) * FRAME_S, 1)
+    braking, latest = before
+    witness = None
+    if latest is not None:
+        x, y, speed, heading = poses_on_route(case, out.track).T.copy()
+        held = out.commands[:: round(params.decision_s / FRAME_S)].copy()
+        witness = Witness(latest, x, y, speed, heading, held, np.full(held.size, case.route[0]))
+    return Avoidability(
+        label="by braking" if out.in_time else "unavoidable" if out.proven else "undecided",
+        manoeuvre_s=begin,
+        braking_s=None if braking is None or braking > begin else braking,
+        steering_s=None,
+        latest_s=latest,
+        time_to_react_s=None if latest is None else round(begin - latest, 1),
+        exhaustive=out.proven,
+        witness=witness,
+    )
+
+
+def _table_at_site(
+    problems: list[str | None], recordings: Recordings, odd: Odd, params: AvoidParams
+) -> pa.Table:  # fmt: skip
+    """Make the rows of cases at a site, as `_table` does those of roads."""
+    scratch = allocate_speed_search()
+    rows = []
+    for problem, block in zip(problems, recordings.blocks(1), strict=True):
+        row: dict[str, Any] = dict.fromkeys(AVOIDABILITY_SCHEMA.names)
+        row |= {"case_id": block.case_ids[0], "avoidability_problem": problem}
+        if problem is None:
+            found = _answer_at_site(site_case(block, odd), params, scratch)
+            row |= {
+                "avoidability": found.label, "manoeuvre_begin_s": found.manoeuvre_s,
+                "latest_braking_s": found.braking_s, "latest_any_s": found.latest_s,
+                "time_to_react_s": found.time_to_react_s, "avoidability_exhaustive": found.exhaustive,
+            }  # fmt: skip
+            if found.witness is not None:
+                of = found.witness
+                row |= {
+                    "witness_x_m": of.x, "witness_y_m": of.y, "witness_speed_mps": of.speed,
+                    "witness_heading_rad": of.heading, "witness_acceleration_mps2": of.acceleration,
+                    "witness_lane": of.lane,
+                }  # fmt: skip
+        rows.append(row)
+    columns = {name: [row[name] for row in rows] for name in AVOIDABILITY_SCHEMA.names}
+    return pa.table(columns, schema=AVOIDABILITY_SCHEMA)
 
 
 def _lists(values: NDArray[Any], lengths: NDArray[np.int64], kind: pa.DataType) -> pa.Array:

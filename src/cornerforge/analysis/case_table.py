@@ -18,6 +18,7 @@ from cornerforge.analysis.fault import FAULT_COLUMNS, assign_fault
 from cornerforge.analysis.measures import MEASURES, measure_cases
 from cornerforge.analysis.mechanism import MECHANISMS, mechanism_of
 from cornerforge.analysis.prevented import PREVENTED_COLUMNS, prevented_at, prevention_of
+from cornerforge.analysis.site_case import KINDS_AT_SITES
 from cornerforge.analysis.value import (
     PARTS,
     Value,
@@ -47,7 +48,12 @@ VALUE_COLUMNS: tuple[Field, ...] = (
 )  # fmt: skip
 """Columns that `values_of` adds."""
 
-MECHANISM = Field("mechanism", "string", "", f"What led to it: {', '.join(MECHANISMS)} (`analysis.mechanism`).")
+MECHANISM = Field(
+    "mechanism",
+    "string",
+    "",
+    f"What led to it: {', '.join(MECHANISMS)}; at a site: {', '.join(KINDS_AT_SITES)} (`analysis.mechanism`).",
+)
 """Column that `with_mechanism` adds."""
 
 
@@ -103,7 +109,9 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
     """
     for cases, tracks in shards:
         recordings = recordings_of_tracks(cases, tracks)
-        columns: dict[str, Any] = dict(measure_cases(recordings)) | assign_fault(recordings).columns()
+        columns: dict[str, Any] = (
+            dict(measure_cases(recordings, odd=reading.odd)) | assign_fault(recordings, odd=reading.odd).columns()
+        )
         problems = problems_of(recordings, cases.column("bv_slot").to_pylist(), reading.odd)
         prevention = prevention_of(recordings, problems, reading.odd, reading.params, threads=reading.threads)
         conduct = conduct_of(recordings, reading.odd, prevention)

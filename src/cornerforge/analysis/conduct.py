@@ -36,6 +36,10 @@ On a road where lanes end three more (`lane_ends`), where the lane that ends is 
 
 The last two stand in for rules 5 and 6 where both fit.
 
+At a site the rules are those of `site_conduct`: what the AV did by the light, right of way, crosswalk or RSS
+(`runs-red`, `does-not-yield`, `does-not-yield-to-people`, `enters-blocked`, `drives-on`, `brakes-late`,
+`does-not-brake`), else rule 6 with the one careful driver that there is.
+
 Cut in by another vehicle too near for most of them, struck from behind or from the side while it kept its lane and
 speed, an AV has done nothing wrong by these rules.
 """
@@ -52,6 +56,7 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.analysis.lane_ends import blocks_since, ends_soon, stops_since
 from cornerforge.analysis.pair import AV, BV, PairMotion, pair_motion
 from cornerforge.analysis.prevented import Prevention
+from cornerforge.analysis.site_conduct import conduct_at_site
 from cornerforge.fields import BEFORE_CONTACT, Field
 from cornerforge.recordings import Recordings
 from cornerforge.road.straight import lane_centre, lane_of
@@ -75,6 +80,11 @@ CONDUCTS: dict[str, str] = {
     "merges-blind": "it leaves a lane that ends too near in front of another vehicle, behind a slower one, or into one",
     "blocks-mergers": "it closes the gap to a vehicle whose lane ends, and does not brake when that one comes over",
     "stops-at-end": "it stops where its lane ends, although there had been a gap in the next lane",
+    "runs-red": "it passes the stop line on red",
+    "does-not-yield": "it does not give way to a vehicle that goes first",
+    "does-not-yield-to-people": "it does not give way to a person on a crosswalk",
+    "enters-blocked": "it drives into a junction that another has not left",
+    "drives-on": "it goes first, and does not brake for one that is in its way",
 }
 """Name and meaning of each conduct, by code."""
 IN_SHORT: dict[str, str] = {
@@ -93,12 +103,17 @@ IN_SHORT: dict[str, str] = {
     "merges-blind": "merges without a look",
     "blocks-mergers": "lets none in",
     "stops-at-end": "stops where its lane ends",
+    "runs-red": "runs a red light",
+    "does-not-yield": "does not give way to vehicles",
+    "does-not-yield-to-people": "does not give way to people",
+    "enters-blocked": "enters before others have left",
+    "drives-on": "does not brake for what is in its way",
 }
 """Each conduct in a few words, after "it"."""
 NO_CONDUCT = "none"
 (
     _NONE, _HESITATES, _NOT_BEHIND, _NOT_BESIDE, _LATE, _WEAK, _STOPS, _NEVER, _CLOSE, _CUTS_IN, _HARD, _REACTS,
-    _MERGES, _BLOCKS, _AT_END,
+    _MERGES, _BLOCKS, _AT_END, _RED, _NOT_YIELDS, _NOT_YIELDS_TO_PEOPLE, _ENTERS, _DRIVES_ON,
 ) = range(len(CONDUCTS))  # fmt: skip
 
 CONDUCT_COLUMNS: tuple[Field, ...] = (
@@ -431,12 +446,15 @@ class Conduct:
     @property
     def slow(self) -> NDArray[np.bool_]:
         """Mark the cases in which it braked too late, too weakly or not at all (rules 3 and 6), bool (S,)."""
-        return np.isin(self.code, (_LATE, _WEAK, _STOPS, _NEVER, _REACTS))
+        return np.isin(self.code, (_LATE, _WEAK, _STOPS, _NEVER, _REACTS, _DRIVES_ON))
 
     @property
     def begun(self) -> NDArray[np.bool_]:
         """Mark the cases in which it did what it could have left out (rules 1, 2, 4, 5 and 7 to 9), bool (S,)."""
-        left_out = _HESITATES, _NOT_BEHIND, _NOT_BESIDE, _CUTS_IN, _CLOSE, _HARD, _MERGES, _BLOCKS, _AT_END
+        left_out = (
+            _HESITATES, _NOT_BEHIND, _NOT_BESIDE, _CUTS_IN, _CLOSE, _HARD, _MERGES, _BLOCKS, _AT_END, _RED, _NOT_YIELDS,
+            _NOT_YIELDS_TO_PEOPLE, _ENTERS,
+        )  # fmt: skip
         return np.isin(self.code, left_out)
 
     def columns(self) -> dict[str, Any]:
@@ -456,6 +474,11 @@ def conduct_of(recordings: Recordings, odd: Odd, prevention: Prevention) -> Cond
     Raises:
         InputError: As `pair.pair_motion`.
     """
+    if odd.site is not None:
+        of_cases = conduct_at_site(recordings, odd, prevention.reacts)
+        codes = list(CONDUCTS)
+        told = np.array([(codes.index(name), *rest) for name, *rest in of_cases], np.int64).reshape(-1, 3)
+        return Conduct(told[:, 0], told[:, 1], np.where(told[:, 0] == _NONE, np.nan, told[:, 2] * FRAME_S))
     judges = np.stack([prevention.needless, prevention.reacts], axis=-1)
     some = np.asarray(prevention.prevented.any(axis=1))
     parts = []

@@ -30,9 +30,12 @@ from cornerforge.metrics.rss import rss_lateral, rss_longitudinal, rss_margin
 from cornerforge.recordings import Recordings
 from cornerforge.results.analysis import FAULTS
 from cornerforge.road.straight import along
-from cornerforge.types import FRAME_S
+from cornerforge.types import FRAME_S, Odd
 
-__all__ = ["FAULTS", "FAULT_COLUMNS", "RULES", "Duties", "Faults", "RssRules", "assign_fault", "pair_margins"]
+__all__ = [
+    "FAULTS", "FAULT_COLUMNS", "RULES", "Duties", "Faults", "RssRules", "assign_fault", "faults_of_motion",
+    "pair_margins",
+]  # fmt: skip
 
 RULES = (
     "none",
@@ -41,11 +44,19 @@ RULES = (
     "longitudinal: vehicle ahead braked harder than allowed",
     "lateral: moved in below the safe distance",
     "lateral: did not stop moving in",
+    "light: passed the stop line on red",
+    "right of way: did not give way to a vehicle",
+    "right of way: did not give way to a person on a crosswalk",
+    "right of way: did not brake for one in its way",
+    "right of way: drove in before another had left",
+    "person: left the kerb on Don't Walk",
+    "person: left the kerb right before a vehicle",
+    "person: walked into a vehicle that was there",
 )
 """Rules by which a vehicle can be at fault; `Faults.rule`, `av_rule` and `bv_rule` hold places in this tuple."""
 
 FAULT_COLUMNS: tuple[Field, ...] = (
-    Field("fault", "string", "", f"Who broke a rule of RSS: {', '.join(FAULTS)}."),
+    Field("fault", "string", "", f"Who broke a rule of RSS, or of the site: {', '.join(FAULTS)}."),
     Field("fault_rule", "string", "", "The rule that was broken first; \"none\" where neither broke one."),
     Field("fault_s", "float64", "s", "When it was first broken, before contact; null: neither broke one.",
           BEFORE_CONTACT, nullable=True),
@@ -53,13 +64,21 @@ FAULT_COLUMNS: tuple[Field, ...] = (
     Field("av_fault_s", "float64", "s", "When, before contact; null: none.", BEFORE_CONTACT, nullable=True),
     Field("bv_rule", "string", "", "The rule that the crash partner broke first, or \"none\"."),
     Field("bv_fault_s", "float64", "s", "When, before contact; null: none.", BEFORE_CONTACT, nullable=True),
-    Field("blame_axis", "string", "", "Whose rules held: longitudinal, lateral, or both."),
+    Field("blame_axis", "string", "", "Whose rules held: longitudinal, lateral, or both; at a site "
+          "longitudinal, or right of way."),
     Field("blame_s", "float64", "s", "How long the danger lasted that ended in the crash.", BEFORE_CONTACT),
     Field("blame_from_start", "bool", "", "The danger is older than the recording, so all this is less sure."),
 )  # fmt: skip
 """Columns that `Faults.columns` makes, in its order."""
 
-_NONE, _DID_NOT_BRAKE, _SPED_UP, _BRAKED_HARD, _MOVED_IN, _DID_NOT_STOP = range(len(RULES))
+NO_RULE = 0
+_NONE, _DID_NOT_BRAKE, _SPED_UP, _BRAKED_HARD, _MOVED_IN, _DID_NOT_STOP = range(6)
+(
+    RAN_RED, DID_NOT_GIVE_WAY, DID_NOT_GIVE_WAY_TO_PERSON, DID_NOT_BRAKE_FOR, DROVE_IN, LEFT_ON_DONT_WALK, LEFT_BEFORE,
+    WALKED_INTO,
+) = range(6, len(RULES))  # fmt: skip
+BOTH = 2
+"""Place in `FAULTS`."""
 
 _BLOCK = 128
 """Cases at a time: few enough that their arrays stay in the processor's cache, which halves the time."""
@@ -130,7 +149,8 @@ class Faults:
         av_rule, bv_rule: Place in `RULES` of each vehicle's own first violation, int8, shape (S,).
         av_violation_s, bv_violation_s: Their times, shape (S,); NaN where it broke none.
         blame_s: Blame time, shape (S,): how long the danger lasted that ended in the crash.
-        longitudinal, lateral: Whether the longitudinal and the lateral rules held, bool, shape (S,); at least one did.
+        longitudinal, lateral: Whether the longitudinal and the lateral rules held, bool, shape (S,); at a site neither
+            did where it was about right of way.
         av_behind: The AV's centre was behind the partner's at the blame time, bool, shape (S,).
         from_start: The danger was there from the first recorded frame on, so that the true blame time is earlier and
             which rule held is not known for certain, bool, shape (S,).
@@ -153,7 +173,8 @@ class Faults:
     def columns(self) -> dict[str, NDArray[Any]]:
         """A column of shape (S,) for each of `FAULT_COLUMNS`, in their order."""
         faults, rules = np.array(FAULTS), np.array(RULES)
-        axis = np.where(self.longitudinal & self.lateral, "both", np.where(self.lateral, "lateral", "longitudinal"))
+        alone = np.where(self.lateral, "lateral", np.where(self.longitudinal, "longitudinal", "right of way"))
+        axis = np.where(self.longitudinal & self.lateral, "both", alone)
         return {
             "fault": faults[self.fault],
             "fault_rule": rules[self.rule],
@@ -166,6 +187,13 @@ class Faults:
             "blame_s": self.blame_s,
             "blame_from_start": self.from_start,
         }
+
+    @classmethod
+    def joined(cls, case_ids: tuple[str, ...], parts: list[Faults]) -> Faults:
+        """Put faults of several cases one after the other."""
+        names = [name for name in cls.__dataclass_fields__ if name != "case_ids"]
+        parts = parts or [_no_faults()]
+        return cls(case_ids, **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
     def counts(self) -> dict[str, int]:
         """Cases by value of `FAULTS`, zeros included."""
@@ -206,12 +234,13 @@ def _sideways_speed(motion: PairMotion) -> NDArray[np.float64]:
     return speed
 
 
-def assign_fault(recordings: Recordings, rules: RssRules | None = None) -> Faults:
+def assign_fault(recordings: Recordings, rules: RssRules | None = None, odd: Odd | None = None) -> Faults:
     """Say which vehicle was at fault in each case; the module's text states the rules.
 
     Args:
         recordings: The cases.
         rules: Numbers of the rules; None: the default ones.
+        odd: Of the cases; without one they are of a road.
 
     Returns:
         One entry per case. Mirroring a road (left for right) changes nothing. "none" means that both responded
@@ -220,14 +249,14 @@ def assign_fault(recordings: Recordings, rules: RssRules | None = None) -> Fault
     Raises:
         InputError: A case does not hold its contact (see `pair_motion`).
     """
+    if odd is not None and odd.site is not None:
+        from cornerforge.analysis.site_fault import AT_SITE, faults_at_site  # here, because it stands on this module
+
+        return faults_at_site(recordings, odd, rules or AT_SITE)
     chosen = rules or RssRules()
-    parts = [_block_faults(block, chosen) for block in recordings.blocks(_BLOCK)]
-    if not parts:
-        parts = [_no_faults()]
-    names = [name for name in Faults.__dataclass_fields__ if name != "case_ids"]
-    return Faults(
-        case_ids=recordings.case_ids,
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
+    blocks = recordings.blocks(_BLOCK)
+    return Faults.joined(
+        recordings.case_ids, [faults_of_motion(pair_motion(block), block.case_ids, chosen) for block in blocks]
     )
 
 
@@ -236,8 +265,8 @@ def _no_faults() -> Faults:
     return Faults((), code, code, time, code, code, time, time, time, yes, yes, yes, yes)
 
 
-def _block_faults(recordings: Recordings, rules: RssRules) -> Faults:
-    motion = pair_motion(recordings)
+def faults_of_motion(motion: PairMotion, case_ids: tuple[str, ...], rules: RssRules) -> Faults:
+    """Say which of two vehicles along a road was at fault, from their motion."""
     longitudinal_margin, lateral_margin = pair_margins(motion, rules)
     contact = motion.recorded.shape[1] - 1
     safe_lon = _last_safe(longitudinal_margin, motion.recorded)
@@ -246,7 +275,7 @@ def _block_faults(recordings: Recordings, rules: RssRules) -> Faults:
     blame = np.maximum(np.maximum(safe_lon, safe_lat), first)
     from_start = np.maximum(safe_lon, safe_lat) < first
     by_lon, by_lat = safe_lon >= safe_lat, safe_lat >= safe_lon
-    rows = np.arange(recordings.n_cases)
+    rows = np.arange(len(case_ids))
     av_behind = motion.x[BV, rows, blame] > motion.x[AV, rows, blame]
     side = np.sign(motion.y[BV, rows, blame] - motion.y[AV, rows, blame])
     broken = [
@@ -262,7 +291,7 @@ def _block_faults(recordings: Recordings, rules: RssRules) -> Faults:
     frame = np.where(of_av, av_frame, bv_frame)
     fault = np.select([av_broke & bv_broke, av_broke, bv_broke], [2, 0, 1], default=3)
     return Faults(
-        case_ids=recordings.case_ids,
+        case_ids=case_ids,
         fault=fault.astype(np.int8),
         rule=np.where(of_av, av_rule, bv_rule),
         violation_s=_before_contact(frame, contact, av_broke | bv_broke),

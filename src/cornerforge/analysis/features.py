@@ -63,6 +63,10 @@ def crash_features(history: NDArray[np.floating], steps: int = 1, *, short: Shor
     headings of both, as recorded. A case counts as recorded up to the last k before the first gap. One that crashed in
     its first second has no k = 1 at all and uses the moment of contact, k = 0, instead.
 
+    At a site the history is in the AV's frame of each second (`site_case.in_av_frame`): r_lon and r_lat are along and
+    to the left of the AV's heading, rr is the closing speed along it, h_BV is the angle between the headings, and h_CAV
+    is 0 and tells nothing.
+
     Args:
         history: [x m, y m, speed m/s, heading rad] of the AV (0) and the crash partner (1) at k seconds before the
             crash, shape (S, 16, 2, 4); NaN where the test had not begun.

@@ -35,6 +35,11 @@ FLAWS: dict[str, str] = {
     "merges-blind": "merges without a look",
     "blocks-mergers": "does not let merging vehicles in",
     "stops-at-end": "stops where its lane ends, although there are gaps",
+    "runs-red": "runs red lights",
+    "does-not-yield": "does not give way to vehicles that go first",
+    "does-not-yield-to-people": "does not give way to people on crosswalks",
+    "enters-blocked": "drives into junctions that others have not left",
+    "drives-on": "does not brake for what is in its way",
 }
 """Name of each flaw, and what the AV does, after "This AV"."""
 
@@ -53,6 +58,11 @@ _ALONE = (
     "merges-blind",
     "blocks-mergers",
     "stops-at-end",
+    "runs-red",
+    "does-not-yield",
+    "does-not-yield-to-people",
+    "enters-blocked",
+    "drives-on",
 )
 _GROUPS = (*((name,) for name in _ALONE), _CHANGES, _INTO_REAR, _REACTS)
 _BRAKES_TOO_LITTLE = ("brakes-late", "brakes-weakly", *_INTO_REAR, *_REACTS)

@@ -13,6 +13,7 @@ from cornerforge.analysis.mechanism import (
     lane_in,
     mechanism_of,
 )
+from cornerforge.analysis.site_words import what_happened_at_site
 from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S, Scenario
 
@@ -28,6 +29,8 @@ def what_happened(scenario: Scenario) -> str:
     Raises:
         InputError: There is no crash of the AV, or the recording does not hold its contact.
     """
+    if scenario.odd.site is not None:
+        return what_happened_at_site(scenario)
     frame, partner = scenario.contact()
     name = mechanism_of(scenario).plain
     mover = {"bv-side": partner, "av-rear-bv-cut-in": partner, "bv-rear-bv-change": partner}.get(name)
@@ -92,7 +95,7 @@ def _hardest(scenario: Scenario, frame: int, column: int, start: int) -> float:
     return min(0.0, float(np.nanmin(held, initial=0.0)))
 
 
-def avoidance_in_words(label: str | None, latest_s: float | None) -> str:
+def avoidance_in_words(label: str | None, latest_s: float | None, braking_s: float | None = 0.0) -> str:
     """Say for example "in hindsight avoidable by braking; last way out 1.2 s before contact"; "": nobody looked.
 
     The last way out is the latest of any kind, everywhere: for "by braking" it may begin with a lane change.
@@ -100,6 +103,7 @@ def avoidance_in_words(label: str | None, latest_s: float | None) -> str:
     Args:
         label: A key of `avoidability.LABELS`; None where it was not looked for.
         latest_s: `avoidability.Avoidability.latest_s`, column `latest_any_s`.
+        braking_s: Its `braking_s`; None under the label "by braking", as at a site: only going faster helps.
 
     >>> avoidance_in_words("by both", 0.8)
     'in hindsight avoidable by braking or steering; last way out 0.8 s before contact'
@@ -110,6 +114,8 @@ def avoidance_in_words(label: str | None, latest_s: float | None) -> str:
         return "in hindsight unavoidable"
     if label == "undecided":
         return "no way out found, not all tried"
+    if label == "by braking" and braking_s is None:
+        label = "by going faster"
     how = {"by both": "by braking or steering", "by combination": "by braking and steering together"}.get(label, label)
     return f"in hindsight avoidable {how}; last way out {latest_s:.1f} s before contact"
 

@@ -20,6 +20,8 @@ from cornerforge._checks import check_number
 from cornerforge.analysis.contact import find_contact
 from cornerforge.analysis.fault import RssRules, pair_margins
 from cornerforge.analysis.pair import AV, BV, PairMotion, pair_motion
+from cornerforge.analysis.site_case import in_av_frame
+from cornerforge.analysis.site_measures import path_velocity, straightened, until_both
 from cornerforge.fields import Field
 from cornerforge.metrics.delta_v import FRICTION, delta_v
 from cornerforge.metrics.drac import drac
@@ -30,7 +32,7 @@ from cornerforge.metrics.thw import thw
 from cornerforge.metrics.ttc import ttc
 from cornerforge.recordings import Recordings
 from cornerforge.road.straight import along
-from cornerforge.types import FRAME_S
+from cornerforge.types import FRAME_S, Odd
 
 __all__ = ["MEASURES", "Impact", "measure_cases"]
 
@@ -84,8 +86,10 @@ MEASURES: tuple[Field, ...] = (
         "null: no frame.",
     ),
     _or_null("rss_margin_1s_m", "m", "That margin 1 s before contact; null: not recorded then."),
-    _or_null("bbd_1s_m", "m", "BBD to the partner 1 s before contact, in any lane; < 0: level; null: not recorded."),
-    _or_null("ttc_1s_s", "s", "TTC with the partner then, in any lane; 0: level; null: not closing or not recorded."),
+    _or_null("bbd_1s_m", "m", "BBD to the partner 1 s before contact, in any lane, at a site "
+              "between the middles less both half lengths; < 0: level; null: not recorded."),
+    _or_null("ttc_1s_s", "s", "TTC with the partner then, in any lane, at a site by closing of "
+              "the middles; 0: level; null: not closing or not recorded."),
     _or_null(
         "pet_s", "s",
         "From one entering the other's path until the rear one is where the front one's rear was then; 0: level; null: "
@@ -139,7 +143,7 @@ class Impact:
 
 
 def measure_cases(
-    recordings: Recordings, rules: RssRules | None = None, impact: Impact | None = None
+    recordings: Recordings, rules: RssRules | None = None, impact: Impact | None = None, odd: Odd | None = None
 ) -> dict[str, NDArray[np.float64]]:
     """Measure every case.
 
@@ -147,6 +151,8 @@ def measure_cases(
         recordings: The cases.
         rules: Numbers of RSS; None: the default ones.
         impact: Masses and restitution; None: equal masses, perfectly plastic.
+        odd: Of the cases; without one they are of a road. At a site those are in the AV's path that are in its lane
+            along its route, and measures of the pair that only a common lane gives are null.
 
     Returns:
         A column of shape (S,) for each of `MEASURES`, in their order; NaN for null. Mirroring a road (left for right)
@@ -159,6 +165,13 @@ def measure_cases(
     parts = []
     for block in recordings.blocks(_BLOCK):
         motion = pair_motion(block)
+        if odd is not None and odd.site is not None:
+            nothing = np.full(block.n_cases, np.nan)
+            of_pair = dict.fromkeys(("min_rss_margin_m", "rss_margin_1s_m", "pet_s"), nothing) | until_both(motion)
+            parts.append(
+                _in_path(straightened(block, odd), chosen) | of_pair | _at_contact(motion, crash, path_velocity(motion))
+            )
+            continue
         parts.append(_in_path(block, chosen) | _of_pair(motion, chosen) | _at_contact(motion, crash))
     return {column.name: np.concatenate([np.empty(0), *(part[column.name] for part in parts)]) for column in MEASURES}
 
@@ -286,16 +299,26 @@ def _encroachment(motion: PairMotion) -> NDArray[np.float64]:
     return np.where(last_apart < 0, np.nan, between)
 
 
-def _at_contact(motion: PairMotion, impact: Impact) -> dict[str, NDArray[np.float64]]:
-    """Speeds, directions and severity of the impact, from the velocities in the contact's frame."""
+def _at_contact(
+    motion: PairMotion, impact: Impact, along_ways: NDArray[np.float64] | None = None
+) -> dict[str, NDArray[np.float64]]:
+    """Speeds, directions and severity of the impact, from the velocities in the contact's frame.
+
+    `along_ways`: these velocities at a site, (2, S, 2).
+    """
     heading = motion.heading[:, :, -1]
     lengthwise = motion.speed[:, :, -1]  # that along the road; a heading is the direction of the path
-    velocity = np.stack([lengthwise, lengthwise * np.tan(heading)], axis=-1)
+    velocity = np.stack([lengthwise, lengthwise * np.tan(heading)], axis=-1) if along_ways is None else along_ways
     relative = velocity[BV] - velocity[AV]
     between = np.abs((heading[BV] - heading[AV] + math.pi) % (2.0 * math.pi) - math.pi)
     found = {"impact_speed_mps": np.hypot(relative[:, 0], relative[:, 1]), "impact_angle_rad": between}
     pose = np.stack([motion.x[:, :, -1], motion.y[:, :, -1], lengthwise, heading], axis=-1).swapaxes(0, 1)
-    normal = find_contact(pose, motion.length.T, motion.width.T).normal
+    if along_ways is None:
+        normal = find_contact(pose, motion.length.T, motion.width.T).normal
+    else:
+        turned = find_contact(in_av_frame(pose), motion.length.T, motion.width.T).normal
+        cos, sin = np.cos(heading[AV]), np.sin(heading[AV])
+        normal = np.stack([turned[:, 0] * cos - turned[:, 1] * sin, turned[:, 0] * sin + turned[:, 1] * cos], axis=-1)
     apart = (relative * normal).sum(axis=1)
     closing = np.maximum(0.0, -apart)
     slide = relative - apart[:, None] * normal  # of the BV along the AV's face, which friction pulls with it

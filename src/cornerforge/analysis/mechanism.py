@@ -29,11 +29,13 @@ from numpy.typing import NDArray
 
 from cornerforge.analysis.contact import FRONT, REAR, find_contact
 from cornerforge.analysis.crash_types import STRIKERS, classify_crashes
+from cornerforge.analysis.site_case import KINDS_AT_SITES, in_av_frame, kind_at_site, site_case
 from cornerforge.fields import POSE
+from cornerforge.recordings import recordings_of
 from cornerforge.road.lanes import lanes_of
 from cornerforge.road.network import Lane
 from cornerforge.road.straight import along
-from cornerforge.types import FRAME_S, Scenario
+from cornerforge.types import FRAME_S, Odd, Scenario
 
 __all__ = [
     "AT_START_S",
@@ -47,6 +49,8 @@ __all__ = [
     "lane_changes_before",
     "lane_in",
     "mechanism_of",
+    "mechanisms_of",
+    "own_frame",
 ]
 
 MECHANISMS: dict[str, str] = {
@@ -70,7 +74,13 @@ MECHANISMS: dict[str, str] = {
     "lane-end": "AV is where its lane ends, and neither moved into the path of the other",
     "other": "none of these",
 }
-"""Name and meaning, in the order of the rules."""
+"""Name and meaning, in the order of the rules; at a site `site_case.KINDS_AT_SITES` stand for them."""
+
+
+def mechanisms_of(odd: Odd) -> dict[str, str]:
+    """Look up names and meanings of what crashes can come of, on the road or at the site of an ODD."""
+    return MECHANISMS if odd.site is None else KINDS_AT_SITES
+
 
 AT_START_S = 4.0
 """A crash before this time [s] depends on how tests begin: all vehicles decide at once, in traffic just drawn."""
@@ -138,7 +148,7 @@ def crash_type_of(scenario: Scenario) -> tuple[str, str]:
     Raises:
         InputError: There is no crash of the AV, or the recording does not hold its contact.
     """
-    types = classify_crashes(contact_pose(scenario)[None], *_sizes(scenario))
+    types = classify_crashes(own_frame(contact_pose(scenario)[None], scenario.odd), *_sizes(scenario))
     return types.names[0], STRIKERS[int(types.striker[0])]
 
 
@@ -161,6 +171,8 @@ def mechanism_of(scenario: Scenario) -> Mechanism:
     Raises:
         InputError: There is no crash of the AV, or the recording does not hold its contact.
     """
+    if scenario.odd.site is not None:
+        return _at_site(scenario)
     frame, partner = scenario.contact()
     av_changes, bv_changes = lane_changes_before(scenario, frame, 0), lane_changes_before(scenario, frame, partner)
     av, bv = next(iter(av_changes), None), next(iter(bv_changes), None)
@@ -181,8 +193,22 @@ def mechanism_of(scenario: Scenario) -> Mechanism:
     return Mechanism(name or plain, plain, contact, at_start, av is not None, bv is not None, difference)
 
 
+def _at_site(scenario: Scenario) -> Mechanism:
+    """Name the kind of crash at a site (`site_case`); nobody changes lanes there."""
+    name = kind_at_site(site_case(recordings_of(scenario), scenario.odd))
+    early = scenario.crash is not None and scenario.crash.time < AT_START_S
+    return Mechanism(
+        name, name, _contact_kind(scenario), early, av_changing=False, bv_changing=False, bv_start_after_av_s=None
+    )
+
+
+def own_frame(pose: NDArray[np.floating], odd: Odd) -> NDArray[np.float64]:
+    """Give poses in the frame in which crash types are told: the road's, at a site the AV's."""
+    return np.asarray(pose, np.float64) if odd.site is None else in_av_frame(pose)
+
+
 def _contact_kind(scenario: Scenario) -> str:
-    faces = find_contact(contact_pose(scenario)[None], *_sizes(scenario))
+    faces = find_contact(own_frame(contact_pose(scenario)[None], scenario.odd), *_sizes(scenario))
     av, bv = int(faces.av_sector[0]), int(faces.bv_sector[0])
     if (av, bv) == (FRONT, REAR):
         return "rear-end by AV"

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer, check_number
 from cornerforge.analysis.avoidability import AvoidParams, manoeuvres_of, problem_of
+from cornerforge.analysis.site_avoid import careful_at_site, manoeuvre_at_site, poses_on_route
+from cornerforge.analysis.site_case import SiteCase, site_case
 from cornerforge.counterfactual import (
     MANOEUVRES,
     Judgements,
@@ -59,7 +61,7 @@ REACTIONS_S = (0.0, 0.5, 0.75, 1.0, 1.5)
 
 PREVENTIONS: dict[str, str] = {
     "by braking": "a careful driver would have prevented it by braking: at least three of four models do, or the AV's "
-    "motion alone tells that it braked too late",
+    "motion alone tells that it braked too late; at a site the one model that there is",
     "by leaving it out": "a careful driver would have kept lane, speed and distance instead of what the AV began",
     "another speed": "the speed that the AV then had would have been enough, which no care would have told",
     "models differ": "some of four models of a careful driver would have prevented it: one or two, or more where the "
@@ -199,7 +201,7 @@ def prevention_of(
     recordings: Recordings, problems: list[str | None], odd: Odd, params: AvoidParams, *,
     reaction_s: float | None = None, threads: int = 1,
 ) -> Prevention:  # fmt: skip
-    """Let each reference driver drive in the AV's place in each case.
+    """Let each reference driver drive in the AV's place in each case; at a site `cc-human` alone (`site_avoid`).
 
     Args:
         recordings: Recordings of the cases.
@@ -215,6 +217,8 @@ def prevention_of(
     check_integer("threads", threads, low=1, high=1024)
     reaction = _OWN if reaction_s is None else check_number("reaction_s", reaction_s, low=0.0, high=5.0, unit="s")
     judged = np.array([problem is None for problem in problems], np.bool_)
+    if odd.site is not None:
+        return _at_site(recordings, judged, odd, params, reaction_s)
     out = allocate_judgements(0)
     if recordings.n_cases:
         recordings = recordings._replace(partner=np.where(judged, recordings.partner, 0))
@@ -232,6 +236,28 @@ def prevention_of(
         out.braking[:, :HOLDS], np.where(brakes.sum(axis=1) >= MOST, np.maximum(seen, 0), -1),
         ((out.reacted[:, :HOLDS] < 0) | (out.reacted[:, :HOLDS] > recordings.last[:, None])).sum(axis=1) >= MOST,
     )  # fmt: skip
+
+
+def _at_site(
+    recordings: Recordings, judged: NDArray[np.bool_], odd: Odd, params: AvoidParams, reaction_s: float | None
+) -> Prevention:  # fmt: skip
+    """Let the careful driver of sites drive; the others know lanes, prevent nothing, and have null numbers."""
+    n, driver = recordings.n_cases, CAREFUL["cc-human"]
+    none = np.zeros(n, np.bool_)
+    out = Prevention(
+        judged, np.zeros(n, np.int64), np.zeros((n, len(CAREFUL)), np.bool_), none.copy(),
+        np.full((n, len(CAREFUL)), np.inf), np.full((n, len(CAREFUL)), np.nan), np.full(n, -1), none,
+    )  # fmt: skip
+    for k, block in enumerate(recordings.blocks(1)):
+        if judged[k]:
+            case = site_case(block, odd)
+            found = careful_at_site(case, params, reaction_s)
+            out.manoeuvre[k] = manoeuvre_at_site(case)[0]
+            out.prevented[k, driver], out.held[k] = found.prevents, found.holds
+            out.braking[k, driver] = found.braking_mps2
+            if found.brakes and not found.holds:
+                out.reacts[k] = case.last - found.sees
+    return out
 
 
 def prevented_at(
@@ -280,12 +306,24 @@ def prevented_by(scenario: Scenario, params: AvoidParams | None = None) -> dict[
     return {name: drive.prevented for name, drive in driven_by(scenario, params).items()}
 
 
+def _driven_at_site(case: SiteCase, params: AvoidParams) -> Driven:
+    """Let the careful driver of sites drive, and keep how it moves."""
+    found = careful_at_site(case, params)
+    reacts = None if found.sees < 0 else round((case.last - found.sees) * FRAME_S, 1)
+    begin = case.last if found.begin < 0 else found.begin
+    track = poses_on_route(case, found.track[: case.last - begin + 1])
+    told = Prevented(found.prevents, found.holds, reacts, np.inf, found.braking_mps2)
+    return Driven(told, round((case.last - begin) * FRAME_S, 1), track)
+
+
 def driven_by(scenario: Scenario, params: AvoidParams | None = None) -> dict[str, Driven]:
     """Let each reference driver drive as `prevented_by` does, and keep how it moves; arguments and errors as there."""
     recordings = recordings_of(scenario)
     problem = problem_of(recordings, -1, scenario.odd)
     if problem is not None:
         raise InputError(f"Test {recordings.case_ids[0]}: {problem}.")
+    if scenario.odd.site is not None:
+        return {"cc-human": _driven_at_site(site_case(recordings, scenario.odd), params or AvoidParams())}
     m = manoeuvres_of(scenario.odd, params or AvoidParams())
     out, last = allocate_judgements(1), int(recordings.last[0])
     scratch = allocate_judge_scratch(m, int(recordings.frames[0]), int(recordings.vehicles[0]))

@@ -4,7 +4,8 @@
 crash. Within it: `search` tries every sequence of manoeuvres, `witness` drives what was found once more, `motion`
 continues a recording after its contact, `begin` finds where the manoeuvre began.
 `judge_cases` lets reference drivers drive in the AV's place (`careful`). `is_avoidable` asks whether braking would
-have been enough (`braking`). All motion is the simulator's own.
+have been enough (`braking`). All motion is the simulator's own. At a site the
+AV's path is fixed: `at_site` looks for ways out along it.
 """
 
 from __future__ import annotations
@@ -14,6 +15,18 @@ from typing import TYPE_CHECKING
 from cornerforge._doors import door
 
 if TYPE_CHECKING:
+    from cornerforge.counterfactual.at_site import (
+        SpeedSearch,
+        allocate_speed_search,
+        carry_on,
+        drive_profile,
+        first_touch,
+        forbid,
+        may_exist,
+        places_along,
+        rooms_to,
+        search_speeds,
+    )
     from cornerforge.counterfactual.begin import MANOEUVRES, OWN_MANOEUVRES
     from cornerforge.counterfactual.braking import Braking, is_avoidable
     from cornerforge.counterfactual.careful import (
@@ -44,15 +57,25 @@ __all__ = [
     "JudgeScratch",
     "Judgements",
     "Manoeuvres",
+    "SpeedSearch",
     "WaysOut",
     "allocate_case_scratch",
     "allocate_judge_scratch",
     "allocate_judgements",
+    "allocate_speed_search",
     "allocate_ways_out",
+    "carry_on",
+    "drive_profile",
+    "first_touch",
+    "forbid",
     "is_avoidable",
     "judge_cases",
+    "may_exist",
     "no_tracks",
+    "places_along",
+    "rooms_to",
     "search_cases",
+    "search_speeds",
 ]
 
 FOR_PROGRAMS = ("BRAKING", "COMBINED", "STEERING")
@@ -74,6 +97,16 @@ __getattr__ = door(
         "allocate_ways_out": "cases",
         "CaseScratch": "cases",
         "search_cases": "cases",
+        "SpeedSearch": "at_site",
+        "allocate_speed_search": "at_site",
+        "carry_on": "at_site",
+        "drive_profile": "at_site",
+        "forbid": "at_site",
+        "may_exist": "at_site",
+        "places_along": "at_site",
+        "rooms_to": "at_site",
+        "search_speeds": "at_site",
+        "first_touch": "at_site",
         "Judgements": "careful",
         "JudgeScratch": "careful",
         "allocate_judge_scratch": "careful",

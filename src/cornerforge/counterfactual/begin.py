@@ -26,11 +26,13 @@ MANOEUVRES: dict[str, str] = {
     "av-moves": "the AV moves sideways, turning back included",
     "av-brakes": "the AV brakes ahead of the other",
     "approach": "the one behind is faster",
+    "other-crosses": "the other comes into the AV's way, at a site",
+    "av-crosses": "the AV comes into the other's way, at a site",
 }
 """What led to a crash, and its meaning, by code."""
-OWN_MANOEUVRES = ("av-moves", "av-brakes")
+OWN_MANOEUVRES = ("av-moves", "av-brakes", "av-crosses")
 """What the AV itself began, and can leave out without time to react."""
-OTHER_MOVES, OTHER_BRAKES, AV_MOVES, AV_BRAKES, APPROACH = range(len(MANOEUVRES))
+OTHER_MOVES, OTHER_BRAKES, AV_MOVES, AV_BRAKES, APPROACH, OTHER_CROSSES, AV_CROSSES = range(len(MANOEUVRES))
 
 _RECENT = 10
 """Frames before the contact up to which a manoeuvre that has ended led to it; pauses below do not end one."""

@@ -37,6 +37,8 @@ from cornerforge.types import FRAME_S
 
 __all__ = [
     "CAREFUL",
+    "CC_BRAKING",
+    "CC_DELAY",
     "HOLDS",
     "SCENARIOS",
     "CarefulParams",
@@ -51,13 +53,15 @@ __all__ = [
 
 CAREFUL = {"cc-human": 0, "reg157": 1, "rss-brake": 2, "fsm": 3}
 """Name and code of each reference driver."""
+CC_BRAKING, CC_DELAY = 0.774 * 9.81, 0.75
+"""Braking of `cc-human` [m/s2], and its time from seeing danger to braking [s]."""
 _CC_HUMAN, _REG157, _RSS, _FSM = range(4)
 
-_HARDEST = 0.774 * 9.81
+_HARDEST = CC_BRAKING
 """Braking of `cc-human`, and the most of `rss-brake` and `fsm` [m/s2]."""
 _JERK = 12.65
 """Jerk at which they reach it [m/s3]."""
-_DELAY = 0.75
+_DELAY = CC_DELAY
 """Time from seeing danger to braking; of `fsm` and `rss-brake` too [s]."""
 _OFF_PEDAL = 0.4
 """Deceleration of `cc-human` while its foot leaves the accelerator [m/s2]."""

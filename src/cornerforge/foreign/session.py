@@ -26,7 +26,6 @@ from cornerforge.sim import (
     lockstep,
     warn_of_left_out,
 )
-from cornerforge.sim.site import scene
 from cornerforge.types import FRAME_S, SUBSTEPS, Odd
 
 if TYPE_CHECKING:
@@ -132,7 +131,7 @@ class AvSession:
         objects = int(about["objects"])
         others = slots - 1 if objects < 0 else min(objects, slots - 1)
         if about["form"] == AT_SITES:
-            return np.zeros((size, scene.FIRST_AGENT + others, scene.SITE_COLUMNS))
+            return np.zeros((size, av_scene.FIRST_AGENT + others, av_scene.SITE_COLUMNS))
         return np.zeros((size, 1 + others, av_scene.SCENE_COLUMNS))
 
     def shown(self, views: NDArray[np.float32]) -> NDArray[Any]:
@@ -142,7 +141,7 @@ class AvSession:
             return views
         objects = int(about["objects"])
         if about["form"] == AT_SITES:
-            return views if objects < 0 else np.ascontiguousarray(views[:, : scene.FIRST_AGENT + objects])
+            return views if objects < 0 else np.ascontiguousarray(views[:, : av_scene.FIRST_AGENT + objects])
         return scenes_of(views, VIEW_SHAPE[0] if objects < 0 else 1 + objects, self._context)
 
     def act(

@@ -96,7 +96,7 @@ SITE_CASES: dict[str, SiteCase] = {
     "person on the path": SiteCase(6.0, [Seen(14.0, 0.3, 0.0, 1.2, "person", 1)], doubt=_should_brake),
     "person about to cross": SiteCase(6.0, [Seen(14.0, -3.0, 0.0, 1.4, "person", 1)], doubt=_should_brake),
     "vehicle comes across with priority": SiteCase(
-        0.0, [Seen(9.0, 16.0, 0.0, -9.0, "car", 1)], doubt=_should_stay, to_stop_line=1.0
+        0.0, [Seen(4.6, 16.0, 0.0, -9.0, "car", 1)], doubt=_should_stay, to_stop_line=1.0
     ),
     "person behind a truck that stands beside": SiteCase(
         6.0, [Seen(8.0, 3.2, kind="truck"), Seen(13.5, 2.6, 0.0, -1.4, "person", 1)], doubt=_should_brake

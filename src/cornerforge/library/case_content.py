@@ -14,6 +14,7 @@ from cornerforge.types import LATER, Odd
 __all__ = [
     "FORMAT",
     "VERSION",
+    "AgentContent",
     "CaseContent",
     "HappenedContent",
     "PosesContent",
@@ -26,12 +27,12 @@ FORMAT, VERSION = "cornerforge case", 1
 
 T = TypeVar("T")
 _Along = Annotated[float, Meta(ge=-1e9, le=1e9)]
-_Across = Annotated[float, Meta(ge=-1000, le=1000)]
+_Across = Annotated[float, Meta(ge=-1e5, le=1e5)]
 _Speed = Annotated[float, Meta(ge=-100, le=100)]
 _Angle = Annotated[float, Meta(ge=-7, le=7)]
 _Acceleration = Annotated[float, Meta(ge=-1000, le=1000)]
 _Time = Annotated[float, Meta(ge=0, le=100)]
-_Lane = Annotated[float, Meta(ge=0, le=5)]
+_Lane = Annotated[float, Meta(ge=0, le=63)]
 _Flag = Annotated[int, Meta(ge=0, le=1)]
 _Slot = Annotated[int, Meta(ge=0, le=32767)]
 _Seconds = Annotated[int, Meta(ge=1, le=3600)]
@@ -76,6 +77,24 @@ class HappenedContent(Closed, frozen=True):
     other: Annotated[PoseContent, meant("The other vehicle.")] | UnsetType = UNSET
 
 
+class AgentContent(Closed, frozen=True):
+    """State of a vehicle or person at a site at the start, besides its motion."""
+
+    present: Annotated[_Flag, meant("0: it comes later, or has gone.")]
+    s_m: Annotated[_Along, meant("Centre of the box along its route.", "m")]
+    route: Annotated[int, meant("Index of its route.", "", 0, 63)]
+    stage: Annotated[int, meant("0: it has not come yet; 1: it is there; 2: it has left.", "", 0, 2)]
+    marks: Annotated[int, meant("What it is like and has decided: `sim.site.look`.", "", 0, 63)]
+    enters_s: Annotated[float, meant("When it comes.", "s", -1e6, 1e6)]
+    headway: Annotated[float, meant("Its factor of the time gap that it keeps.", "", 0, 1e3)]
+    gaps: Annotated[float, meant("Its factor of critical gaps.", "", 0, 1e3)]
+    manners: Annotated[float, meant("Its factor of the gap left to people; of a person, to vehicles.", "", 0, 1e3)]
+    cleared_m: Annotated[_Along, meant("It has decided to go as far as this along its route.", "m")]
+    overlooks: Annotated[int, meant("Slot that it overlooks; -1: none, -2: all.", "", -2, 32767)]
+    heeds: Annotated[int, meant("Slot that it has given way to last; -1: none.", "", -1, 32767)]
+    lights_s: Annotated[float, meant("Time of the programme of the signals.", "s", -1e6, 1e6)]
+
+
 class StartContent(Closed, frozen=True):
     """State of a vehicle at the start; what is left out is 0. On rails what the poses say comes first."""
 
@@ -94,7 +113,9 @@ class StartContent(Closed, frozen=True):
     c3: _Along = 0.0
     c4: _Along = 0.0
     c5: _Along = 0.0
-    target_lane: Annotated[int, meant("Lane that it keeps or changes to; 0 is the rightmost.", "", 0, 5)] = 0
+    target_lane: Annotated[
+        int, meant("Lane that it keeps or changes to; 0 is the rightmost. At a site its route.", "", 0, 63)
+    ] = 0
     quantile: Annotated[Share, meant("Of its last acceleration among those of drivers in its state.")] = 0.0
     habit: Annotated[Share, meant("The quantile that its driver tends to.")] = 0.0
     desired_speed_mps: Annotated[float, meant("Desired speed.", "m/s", 0, 1000)] = 0.0
@@ -105,6 +126,7 @@ class StartContent(Closed, frozen=True):
     away: Annotated[_Flag, meant("1: its driver looked away in the last second.")] = 0
     noise: Annotated[float, meant("Its driver's noise level.", "", -1, 1)] = 0.0
     inattention: Annotated[float, meant("How many times as often as others it looks away.", "", 0, 1e6)] = 0.0
+    at_site: Annotated[AgentContent | UnsetType, meant("What it is at a site; on a road it is not there.")] = UNSET
 
 
 class PosesContent(Closed, frozen=True):
@@ -132,7 +154,7 @@ class VehicleContent(Closed, frozen=True):
     """A vehicle."""
 
     slot: Annotated[_Slot, meant("Its number; the AV is 0.")]
-    kind: Annotated[Literal["car", "truck", "motorcycle"], meant("What it is.")] = msgspec.field(name="class")
+    kind: Annotated[Literal["car", "truck", "motorcycle", "person"], meant("What it is.")] = msgspec.field(name="class")
     length_m: Annotated[float, meant("Of its box.", "m", 0.5, 30)]
     width_m: Annotated[float, meant("Of its box.", "m", 0.3, 4)]
     start: StartContent

@@ -57,6 +57,9 @@ _START = {
     name: f"{name}_{_UNITS[name]}" if name in _UNITS else name for name in scripted.START_FIELDS if name not in _BODY
 }
 """Field of a start -> its name in the file."""
+_AGENT_UNITS = {"s": "m", "enters": "s", "cleared": "m", "lights": "s"}
+_AGENT = {name: f"{name}_{_AGENT_UNITS[name]}" if name in _AGENT_UNITS else name for name in scripted.AGENT_FIELDS}
+"""Field of a start at a site -> its name in the file."""
 _WHOLE = ("target_lane", "lanes", "signals", "away")
 _SERIES = ("x_m", "y_m", "speed_mps", "lateral_speed_mps", "heading_rad", "acceleration_mps2", "lane")
 """Names of the columns of a pose, in their order (`drivers.rails`)."""
@@ -304,12 +307,14 @@ def _happened(happened: Happened) -> dict[str, Any]:
 def _vehicle(case: CaseFile, column: int) -> dict[str, Any]:
     script = case.script
     state = script.start[column]
-    start = {
+    start: dict[str, Any] = {
         shown: int(state[name]) if name in _WHOLE else _number(state[name])
         for name, shown in _START.items()
         if not _is_left_out(name, float(state[name]))
         and not (case.on_rails and column == 0 and name == "desired_speed")
     }
+    if script.start.dtype == scripted.AT_SITE:
+        start["at_site"] = {shown: _number(state[name]) for name, shown in _AGENT.items()}
     content: dict[str, Any] = {
         "slot": int(script.slot[column]),
         "class": CLASSES[int(state["kind"])].name,
@@ -413,7 +418,7 @@ def _faults(content: CaseContent, odd: Odd) -> Iterator[str]:
             f"{odd.traffic_length:g} m has room for {room:,}"
         )
     for index, one in enumerate(vehicles):
-        yield from _vehicle_faults(one, f"vehicles[{index}]", content, odd.n_lanes)
+        yield from _vehicle_faults(one, f"vehicles[{index}]", content, odd)
     yield from _happened_faults(content, slots)
 
 
@@ -433,9 +438,14 @@ def _happened_faults(content: CaseContent, slots: Sequence[int]) -> Iterator[str
             yield f"happened.time_s is {happened.time_s:g}; it must be at most {longest:g}, the length of the case"
 
 
-def _vehicle_faults(one: VehicleContent, place: str, content: CaseContent, lanes: int) -> Iterator[str]:
+def _vehicle_faults(one: VehicleContent, place: str, content: CaseContent, odd: Odd) -> Iterator[str]:
+    lanes = odd.n_lanes if odd.site is None else len(odd.site.routes)
     rails, is_av = content.others == "rails", one.slot == 0
     start, actions, poses = one.start, one.actions, one.poses
+    if (start.at_site is UNSET) != (odd.site is None):
+        yield f"{place}.start must {'not ' if odd.site is None else ''}have at_site"
+    elif start.at_site is not UNSET and start.at_site.route >= lanes:
+        yield f"{place}.start.at_site.route is {start.at_site.route}; the site has {lanes} routes"
     if start.target_lane >= lanes or start.lanes >= 1 << lanes:
         yield f"{place}.start names a lane that the road does not have: it has {lanes}"
     if is_av and start.speed_mps < 0.0:
@@ -523,7 +533,9 @@ def _case_of(content: CaseContent, odd: Odd) -> CaseFile:
 def _start_of(one: VehicleContent) -> list[float]:
     kind = next(index for index, road_user in enumerate(CLASSES) if road_user.name == one.kind)
     body = {"length": one.length_m, "width": one.width_m, "kind": kind}
-    return [float(body[name] if name in body else getattr(one.start, _START[name])) for name in scripted.START_FIELDS]
+    found = [float(body[name] if name in body else getattr(one.start, _START[name])) for name in scripted.START_FIELDS]
+    agent = one.start.at_site
+    return found + ([] if agent is UNSET else [float(getattr(agent, _AGENT[name])) for name in scripted.AGENT_FIELDS])
 
 
 def _poses_of(one: PosesContent | UnsetType, frames: int) -> NDArray[np.float64]:

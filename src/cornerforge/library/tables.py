@@ -196,6 +196,7 @@ def restore(case: Mapping[str, Any], tracks: pa.Table, row: int, odd: Odd) -> Sc
         log_prob_nde=values("decision_log_prob_nde"),
         crash=Crash(time=case["crash_time_s"], slot_a=0, slot_b=case["bv_slot"]),
         hidden=int(case.get(HIDDEN_COLUMN) or 0),
+        signals_s=None if odd.site is None or "start" not in tracks.column_names else float(values("start")[-1]),
     )
 
 

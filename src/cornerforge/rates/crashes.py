@@ -9,6 +9,7 @@ from typing import Any
 
 from cornerforge.analysis.crash_types import CRASH_TYPES
 from cornerforge.analysis.mechanism import MECHANISMS, crash_type_of, mechanism_of
+from cornerforge.analysis.site_case import KINDS_AT_SITES
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.rates.attention import action_chances, oversight
 from cornerforge.results.driving import CrashCircumstances
@@ -100,7 +101,8 @@ def kind_counts(crashes: Iterable[tuple[str, str]]) -> dict[str, Any]:
     """Count crashes, each a type and a mechanism, for the fields `crash_types` and `mechanisms` of `NaturalRate`."""
     pairs = list(crashes)
     types, mechanisms = Counter(kind for kind, _ in pairs), Counter(mechanism for _, mechanism in pairs)
+    names = KINDS_AT_SITES if mechanisms.keys() & KINDS_AT_SITES.keys() else MECHANISMS
     return {
         "crash_types": {name: types[name] for name in CRASH_TYPES.values()},
-        "mechanisms": {name: mechanisms[name] for name in MECHANISMS},
+        "mechanisms": {name: mechanisms[name] for name in names},
     }

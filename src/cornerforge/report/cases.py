@@ -134,7 +134,7 @@ def _surface(scenario: Scenario) -> dict[str, Any]:
 def _site(scenario: Scenario, site: Site, first: int) -> dict[str, Any]:
     """Make what `case_data` says of a site; lights of frames before the first one shown are left out."""
     found, start = site_surface(site), np.array([scenario.x[0, 0], 0.0])
-    clock = clock_of(site, scenario.seed, scenario.test) + first * FRAME_S
+    clock = clock_of(scenario) + first * FRAME_S
     changes = changes_of(site, clock, len(scenario.x) - first, FRAME_S)
 
     def flat(points: NDArray[np.float64]) -> list[float | None]:

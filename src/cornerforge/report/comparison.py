@@ -99,6 +99,7 @@ def write_comparison(file: Path, result: Retested, pairs: Sequence[Pair], rule: 
         parts=_parts(result),
         verdicts=_VERDICTS,
         cases=cases,
+        at_site=any("site" in one["new"] for one in cases),
         groups={heading: [one for one in cases if one["kind"] == kind] for kind, heading in _HEADINGS.items()},
         rule=rule,
         left=left,

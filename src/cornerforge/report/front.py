@@ -74,6 +74,7 @@ class Known:
         road: How often the AV crashes on the road; None: not known.
         adversary: Whether an adversary made the cases of `analysis`.
         unseen: In how many crashes the AV had lost sight of the other vehicle, as a sentence; "" for none.
+        at_site: The AV drives over a junction.
     """
 
     analysis: Analysed
@@ -83,13 +84,18 @@ class Known:
     road: RoadRate | None
     adversary: bool
     unseen: str = ""
+    at_site: bool = False
 
 
 def front_of(known: Known) -> Front:
     """Make the first screen."""
     own = _prevented(known, own=True)
     return Front(
-        (_what(known), how_often(known.road, known.kinds, adversary=known.adversary), _careful(known)),
+        (
+            _what(known),
+            how_often(known.road, known.kinds, adversary=known.adversary, at_site=known.at_site),
+            _careful(known),
+        ),
         _look(known),
         "" if own is None else f"{text.share(own[0].share)} {_parts(own, 'cases')}",
     )
@@ -149,15 +155,22 @@ def _most(known: Known) -> str:
     return f"Most crashes are of the type “{text.plain(name)}” ({text.share(share)})."
 
 
-def how_often(road: RoadRate | None, kinds: Natural | None, *, adversary: bool) -> Answer:
+_OTHERS = (
+    "another vehicle in natural traffic, as recorded drivers drive",
+    "a vehicle or a person in natural traffic, by stated laws of driving and walking",
+)
+
+
+def how_often(road: RoadRate | None, kinds: Natural | None, *, adversary: bool, at_site: bool = False) -> Answer:
     """Say how often the AV touches a vehicle on a road, and how often that injures somebody in it seriously.
 
     Args:
         road: What is known of it; None: nothing.
         kinds: Its parts; None: not known.
         adversary: An adversary made the crashes that the page is about.
+        at_site: The AV drives over a junction.
     """
-    question = "How often on a road?"
+    question = "How often at such a junction?" if at_site else "How often on a road?"
     if road is None:
         made = "An adversary made these crashes" if adversary else "These are no crashes of natural traffic"
         return Answer(question, "Not known", f"{made}: they show how the AV can crash, not how often it does.")
@@ -170,8 +183,7 @@ def how_often(road: RoadRate | None, kinds: Natural | None, *, adversary: bool) 
     return Answer(
         question,
         text.capital(short),
-        f"it touches another vehicle in natural traffic, as recorded drivers drive ({also}; from {road.basis})."
-        f"{_injuries(kinds)}",
+        f"it touches {_OTHERS[at_site]} ({also}; from {road.basis}).{_injuries(kinds)}",
         _doubt(road),
     )
 

@@ -13,7 +13,7 @@ from cornerforge.metrics import bbd
 from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S, Scenario
 
-__all__ = ["Moment", "Moments", "corners_of", "overlap_of"]
+__all__ = ["Moment", "Moments", "apart", "corners_of", "overlap_of"]
 
 Corners = NDArray[np.float64]
 """Corners of boxes [m], counter-clockwise from the front left one, shape (..., 4, 2)."""
@@ -27,7 +27,7 @@ class Moment:
         time: Since the start of the test [s].
         place: Box centres along the road, from where the AV's was at the start [m].
         y, speed, heading: As in `Scenario`.
-        lane: Lane that each keeps or changes to; -1 where it is not there.
+        lane: Lane that each keeps or changes to; -1 where it is not there, and at a site.
         there: It is there.
     """
 
@@ -74,7 +74,9 @@ class Moments:
             y=mixed(scenario.y),
             speed=mixed(scenario.speed),
             heading=mixed(scenario.heading),
-            lane=scenario.target_lane[low],
+            lane=scenario.target_lane[low]
+            if scenario.odd.site is None
+            else np.full_like(scenario.target_lane[low], -1),
             there=there,
         )
 
@@ -90,12 +92,26 @@ class Moments:
         return np.concatenate([passed, np.array([[now.place[column], now.y[column]]])])
 
     def gap(self, moment: Moment, column: int) -> float:
-        """Distance along the road between the bumpers of the AV and another vehicle [m]; below 0: side by side."""
+        """Distance along the road between the bumpers of the AV and another vehicle [m]; below 0: side by side.
+
+        At a site the distance of the boxes, 0 where they touch.
+        """
         if not moment.there[column]:
             return float("nan")
+        if self.scenario.odd.site is not None:
+            return apart(*self.boxes(moment, [0, column]))
         ahead = abs(float(moment.place[column]) - float(moment.place[0]))
         lengths = self.scenario.length
         return float(bbd(0.0, ahead, float(lengths[0]), float(lengths[column])))
+
+    def meeting(self) -> NDArray[np.float64]:
+        """Where the AV and its partner touch, without contact where the AV is at the end, (2,) [m]."""
+        moment = self.at(self.end)
+        if self.partner is not None and moment.there[self.partner]:
+            area = overlap_of(*self.boxes(moment, [0, self.partner]))
+            if len(area):
+                return np.asarray(area.mean(axis=0))
+        return np.array([moment.place[0], moment.y[0]])
 
     def boxes(self, moment: Moment, columns: Sequence[int]) -> Corners:
         """Corners of vehicles, shape (n, 4, 2)."""
@@ -139,6 +155,22 @@ def corners_of(
     left = np.array([0.5, 0.5, -0.5, -0.5]) * width[:, None]
     c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
     return np.stack([place[:, None] + forth * c - left * s, y[:, None] + forth * s + left * c], axis=-1)
+
+
+def apart(a: Corners, b: Corners) -> float:
+    """Distance of two boxes by their corners [m]; 0 where they touch.
+
+    >>> apart(np.array([[2, 1], [0, 1], [0, 0], [2, 0]]), np.array([[9, 9], [5, 9], [5, 5], [9, 5]]))
+    5.0
+    """
+    if len(overlap_of(a, b)):
+        return 0.0
+    sides = [(p, q[i], q[(i + 1) % 4]) for one, q in ((a, b), (b, a)) for p in one for i in range(4)]
+    found = []
+    for point, begin, end in sides:
+        part = np.clip(np.dot(point - begin, end - begin) / np.dot(end - begin, end - begin), 0.0, 1.0)
+        found.append(float(np.hypot(*(begin + part * (end - begin) - point))))
+    return min(found)
 
 
 def overlap_of(a: Corners, b: Corners) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ from cornerforge.analysis.conduct import CONDUCTS
 from cornerforge.analysis.in_words import what_happened
 from cornerforge.errors import MissingExtraError
 from cornerforge.experiment.roads import road_in_words
+from cornerforge.experiment.sites import site_in_words
 from cornerforge.library import CaseLibrary
 from cornerforge.report import figures, tables, text
 from cornerforge.report.artefacts import (
@@ -106,7 +107,9 @@ def known_of(artefacts: Artefacts) -> Known:
         if natural.natural is not None and road is not None:
             kinds = on_road(natural.natural, road)
     unseen = _unseen(artefacts.library if place is None else place, natural=place is not None)
-    return Known(artefacts.analysis, natural, kinds, cases, road, artefacts.summary.generate is not None, unseen)
+    at_site = CaseLibrary.open(artefacts.library).odd.site is not None
+    made = artefacts.summary.generate is not None
+    return Known(artefacts.analysis, natural, kinds, cases, road, made, unseen, at_site)
 
 
 def _unseen(library: Path, *, natural: bool) -> str:
@@ -410,7 +413,8 @@ def _render(
         preset="" if artefacts.training is None else artefacts.training.preset,
         natural=known.kinds,
         road=known.road,
-        place=road_in_words(odd),
+        place=site_in_words(odd) or road_in_words(odd),
+        at_site=odd.site is not None,
         perceives=odd.perception is not None,
         front=front,
         look=_looked_at(front.look, cases),

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from cornerforge.site.network import Route, Site, headings_of
 from cornerforge.site.signals import letters_over
 
-__all__ = ["Light", "SiteSurface", "changes_of", "site_surface"]
+__all__ = ["BAR", "Light", "SiteSurface", "changes_of", "site_surface"]
 
 Points = NDArray[np.float64]
 
-_BAR, _EVERY = 0.5, 1.0
+BAR, _EVERY = 0.5, 1.0
 _NEAR = 0.03
 """So far may a simpler line lie beside the one that it stands for [m]."""
 _LINE_STEP = 0.5
@@ -34,7 +34,7 @@ _LIGHT_AT = 0.6
 
 
 class Light(NamedTuple):
-    """A light: the stroke that shows it, from left to right (2, 2) [m], the route that it holds, and whether it is of people."""
+    """A light: the stroke that shows it, from left to right, (2, 2) [m]; the route that it holds; whether of people."""
 
     at: Points
     route: int
@@ -80,7 +80,7 @@ def site_surface(site: Site) -> SiteSurface:
 
 
 def changes_of(site: Site, clock: float, frames: int, frame_s: float) -> list[list[tuple[int, str]]]:
-    """Say when each light of `site_surface` changes: frame and letter (G, g, y or r; of people y: flashing), the first at 0.
+    """Say from which frame on each light of `site_surface` shows which letter (`site.signals.letters_over`).
 
     Args:
         site: The site.
@@ -166,7 +166,7 @@ def _bars(route: Route) -> list[Points]:
     middles = (np.arange(count) + 0.5) * route.length / count
     bars = []
     for at in middles.tolist():
-        begin, end = _across(route, at - 0.5 * _BAR), _across(route, at + 0.5 * _BAR)
+        begin, end = _across(route, at - 0.5 * BAR), _across(route, at + 0.5 * BAR)
         bars.append(np.concatenate([begin, end[::-1]]))
     return bars
 

@@ -37,7 +37,7 @@ from cornerforge.road.straight import distance_left, driven, lane_centre, lane_o
 from cornerforge.sim.av_view import VIEW_COLUMNS, nearest_along, view_of_av
 from cornerforge.sim.motion import path_of
 from cornerforge.sim.perception import show_as_is, show_as_seen
-from cornerforge.sim.site.scene import site_scene_of_av
+from cornerforge.sim.site.scene import FIRST_AGENT, SITE_COLUMNS, site_scene_of_av
 from cornerforge.site.tables import at_site
 from cornerforge.types import FRAME_S
 
@@ -53,6 +53,7 @@ __all__ = [
     "AX",
     "AY",
     "CURVATURE",
+    "FIRST_AGENT",
     "HEADING",
     "ID",
     "INDICATOR",
@@ -61,6 +62,7 @@ __all__ = [
     "LEFT_TO_DRIVE",
     "LENGTH",
     "SCENE_COLUMNS",
+    "SITE_COLUMNS",
     "TARGET_LANE",
     "TIME",
     "VX",

@@ -1,7 +1,8 @@
 """World as its AV perceives it: others late, unseen or displaced, by `perception.Perception`.
 
 What is lost, and by how much a vehicle is displaced, is drawn of the test's name, the second and the vehicle, never of
-the branch of a tree: in all branches of a test the AV's sensors err alike. An adversary with a likelihood budget may
+the branch of a tree: in all branches of a test the AV's sensors err alike. At a site agents are seen late and displaced
+along their routes, and aside of them. An adversary with a likelihood budget may
 also make the AV lose the BV that it controls, at the price of a natural loss (`lose_controlled`).
 """
 
@@ -19,7 +20,8 @@ from cornerforge.fields import FRAME_FIELDS, REALS
 from cornerforge.road.straight import ahead_by, go_further, lane_bits, lane_centre, road_numbers
 from cornerforge.sim.observe import price
 from cornerforge.sim.world import NO_VEHICLE, World, all_current, allocate_worlds, world_of
-from cornerforge.types import FRAME_S, SUBSTEPS
+from cornerforge.site.tables import MEETINGS, NO_ZONE, at_site, nearest_place, pose_at
+from cornerforge.types import FRAME_S, PERSON, SUBSTEPS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -47,6 +49,8 @@ _RAYS = 5
 _INSET = 0.02
 _NEAR_S, _BESIDE_M = 2.0, 15.0
 """An adversary hides a BV that is within so much of the AV's way ahead [s], or in the next lane within so much [m]."""
+_SOON_S, _WALKING = 4.0, 1.5
+"""At a site one whose route meets the AV's within so much of its way [s], at this speed or more [m/s]."""
 
 
 @inlined_kernel
@@ -85,6 +89,9 @@ def _note(w: World, part: int) -> None:
         then.target_lane = v[i].target_lane
         then.lanes = v[i].lanes
         then.as_what = 1 if v[i].duration > 0.0 else 0
+        if w.agents.size > 0:
+            then.x = w.agents[i].s
+            then.as_what = v[i].present
 
 
 @kernel
@@ -108,9 +115,17 @@ def remember(w: World, substep: int) -> None:
 
 @inlined_kernel
 def _carry_on(w: World, i: int, part: int, time: float, road: RoadNumbers) -> None:
-    """Put vehicle i where one would expect it that saw it `time` [s] ago: on the way and at the speeds of then."""
+    """Put vehicle i where one would expect it that saw it `time` [s] ago: on the way and at the speeds of then.
+
+    At a site one that had not come then is not seen.
+    """
     v, then = w.vehicles, w.seen[_past(w, part, i)]
     v[i].speed = then.speed
+    if at_site(road.site):
+        v[i].acceleration = then.acceleration
+        v[i].present = then.as_what
+        _put_on_route(w, i, then.x + time * then.speed, 0.0, road.site)
+        return
     v[i].x = then.x
     go_further(v, i, time * then.speed)
     v[i].lateral_speed = then.lateral_speed
@@ -120,6 +135,17 @@ def _carry_on(w: World, i: int, part: int, time: float, road: RoadNumbers) -> No
     v[i].target_lane = then.target_lane
     v[i].duration = 1.0 if then.as_what else 0.0
     _leave_on_straight_path(w, i, road)
+
+
+@kernel
+def _put_on_route(w: World, i: int, s: float, aside: float, site: NDArray[np.void]) -> None:
+    """Put the agent in slot i at s [m] of its route, and so far to the left of it [m]."""
+    own, me = w.agents[i], w.vehicles[i]
+    own.s = max(0.0, min(s, site[0].route[own.route].length))
+    me.x, me.y, me.heading = pose_at(site, own.route, own.s)
+    sine, cosine = sin_cos(me.heading)
+    me.x -= aside * sine
+    me.y += aside * cosine
 
 
 @inlined_kernel
@@ -142,6 +168,11 @@ def _displace(w: World, i: int, second: int, share: float, road: RoadNumbers) ->
     words = block(state.seed, state.test, second + 1, i, PURPOSE_PERCEIVE)
     x_next, y_next = normal_pair(words[0], words[1])
     along, across = road.perception.noise, _ACROSS * road.perception.noise
+    if at_site(road.site):
+        further, aside = along * (x_now + share * (x_next - x_now)), across * (y_now + share * (y_next - y_now))
+        v[i].speed = max(0.0, v[i].speed + along * (x_next - x_now))
+        _put_on_route(w, i, w.agents[i].s + further, aside, road.site)
+        return
     go_further(v, i, along * (x_now + share * (x_next - x_now)))
     v[i].speed = max(0.0, v[i].speed + along * (x_next - x_now))
     v[i].y += across * (y_now + share * (y_next - y_now))
@@ -171,10 +202,14 @@ def _enters(at: float, way: float, low: float, high: float, first: float, last: 
 
 
 @kernel
-def _is_hidden(w: World, i: int) -> bool:
-    """Do other vehicles hide vehicle i wholly from the AV's middle? Boxes are taken along the road, and opaque."""
+def _is_hidden(w: World, i: int, turned: bool) -> bool:
+    """Do other vehicles hide vehicle i wholly from the AV's middle? Boxes are opaque; people hide nothing.
+
+    `turned`: boxes stand as their headings say, at a site; else along the road.
+    """
     v = w.vehicles
     dx, dy = ahead_by(v, 0, i), v[i].y - v[0].y
+    sine, cosine = sin_cos(v[i].heading) if turned else (0.0, 1.0)
     half, wide = 0.5 * v[i].length, 0.5 * v[i].width
     away = dx * dx + dy * dy
     # the two corners that are farthest apart as seen from the AV
@@ -182,8 +217,9 @@ def _is_hidden(w: World, i: int) -> bool:
     low_x = high_x = dx
     low_y = high_y = dy
     for corner in range(4):
-        x = dx + (half if corner & 1 else -half)
-        y = dy + (wide if corner & 2 else -wide)
+        along, across = (half if corner & 1 else -half), (wide if corner & 2 else -wide)
+        x = dx + (along * cosine - across * sine)
+        y = dy + (along * sine + across * cosine)
         aside = (dx * y - dy * x) / math.sqrt((x * x + y * y) * away)
         if aside < low:
             low, low_x, low_y = aside, x, y
@@ -195,13 +231,18 @@ def _is_hidden(w: World, i: int) -> bool:
         y = low_y + part * (high_y - low_y)
         free = True
         for j in range(1, w.state[0].n_vehicles):
-            if j == i or v[j].present == 0:
+            if j == i or v[j].present == 0 or v[j].kind == PERSON:
                 continue
             ahead, aside = ahead_by(v, 0, j), v[j].y - v[0].y
             if ahead * ahead + aside * aside >= away:
                 continue
-            first, last = _enters(0.0, x, ahead - 0.5 * v[j].length, ahead + 0.5 * v[j].length, 0.0, 1.0)
-            first, last = _enters(0.0, y, aside - 0.5 * v[j].width, aside + 0.5 * v[j].width, first, last)
+            way, over = x, y
+            if turned:
+                up, on = sin_cos(v[j].heading)
+                ahead, aside = ahead * on + aside * up, aside * on - ahead * up
+                way, over = x * on + y * up, y * on - x * up
+            first, last = _enters(0.0, way, ahead - 0.5 * v[j].length, ahead + 0.5 * v[j].length, 0.0, 1.0)
+            first, last = _enters(0.0, over, aside - 0.5 * v[j].width, aside + 0.5 * v[j].width, first, last)
             if first < last:
                 free = False
                 break
@@ -216,7 +257,7 @@ def _is_seen(w: World, i: int, second: int, road: RoadNumbers) -> bool:
     dx, dy = ahead_by(v, 0, i), v[i].y - v[0].y
     if dx * dx + dy * dy > p.range * p.range or _is_lost(w, i, second, road):
         return False
-    return not (p.occlusion and _is_hidden(w, i))
+    return not (p.occlusion and _is_hidden(w, i, at_site(road.site)))
 
 
 @kernel
@@ -237,6 +278,8 @@ def show_as_seen(w: World, substep: int, road: RoadNumbers, s: AvScratch) -> Non
     late = min(road.perception.late, tenth)
     for i in range(w.state[0].n_vehicles):
         s.vehicles[i] = v[i]
+        if at_site(road.site):
+            s.places[i] = w.agents[i].s
         s.is_seen[i] = i == 0 or (v[i].present != 0 and _is_seen(w, i, second, road))
     for i in range(1, w.state[0].n_vehicles):
         if not s.is_seen[i]:
@@ -244,7 +287,7 @@ def show_as_seen(w: World, substep: int, road: RoadNumbers, s: AvScratch) -> Non
             continue
         if late > 0:
             _carry_on(w, i, (tenth - late) % _parts(w), late * FRAME_S, road)
-        if road.perception.noise > 0.0:
+        if road.perception.noise > 0.0 and v[i].present:
             _displace(w, i, second, (tenth - SUBSTEPS * second) * FRAME_S, road)
     all_current(w)
 
@@ -255,6 +298,8 @@ def show_as_is(w: World, road: RoadNumbers, s: AvScratch) -> None:
     if road.perception.on:
         for i in range(w.state[0].n_vehicles):
             w.vehicles[i] = s.vehicles[i]
+            if at_site(road.site):
+                w.agents[i].s = s.places[i]
         all_current(w)
 
 
@@ -265,9 +310,26 @@ def losses_price(road: RoadNumbers) -> int:
     return price(p, log(1.0 - p))
 
 
+@kernel
+def _matters_at_site(w: World, i: int, site: NDArray[np.void]) -> bool:
+    """Does the route of agent i meet the AV's within its next seconds of way, before either is through?"""
+    own, other = w.agents[0], w.agents[i]
+    reach = own.s + _SOON_S * max(w.vehicles[0].speed, _WALKING) + w.vehicles[0].length
+    if other.route == own.route:
+        ahead: bool = own.s < other.s < reach
+        return ahead
+    for meeting in range(MEETINGS):
+        zone = site[0].zone[own.route, other.route, meeting]
+        if zone.kind != NO_ZONE and own.s < zone.end and zone.begin < reach and other.s < zone.other_end:
+            return True
+    return False
+
+
 @inlined_kernel
 def _matters(w: World, bv: int, road: RoadNumbers) -> bool:
     """Is a BV near ahead in the AV's way, or beside the AV in the next lane?"""
+    if at_site(road.site):
+        return _matters_at_site(w, bv, road.site)
     v = w.vehicles
     dx = ahead_by(v, 0, bv)
     if v[0].lanes & v[bv].lanes:
@@ -319,6 +381,11 @@ def _put(
         v[i].heading = cell.heading
         v[i].acceleration = cell.acceleration
         v[i].target_lane = cell.target_lane
+        if at_site(road.site):
+            v[i].lateral_speed = 0.0
+            w.agents[i].route = cell.target_lane
+            w.agents[i].s = nearest_place(road.site, cell.target_lane, cell.x, cell.y) if cell.present else 0.0
+            continue
         v[i].duration = 1.0 if cell.heading != 0.0 else 0.0
         _leave_on_straight_path(w, i, road)
     if road.perception.late > 0:
@@ -353,7 +420,7 @@ def perceived(scenario: Scenario) -> NDArray[np.float64]:
     w = world_of(allocate_worlds(1, slots, road))
     state = w.state[0]
     state["seed"], state["test"], state["n_vehicles"] = scenario.seed, scenario.test, slots
-    for body in ("length", "width"):
+    for body in ("length", "width", "kind"):
         w.vehicles[body][scenario.slot] = getattr(scenario, body)
     frames = np.zeros((len(scenario.x), slots), dtype=FRAME_FIELDS)
     for name in FRAME_FIELDS.names or ():

@@ -99,6 +99,7 @@ class Recording:
             crash=crash,
             shortfall=decisions.shortfall[:decided].copy(),
             excess=decisions.excess[:decided].copy(),
+            signals_s=None if self._odd.site is None else float(self._world.state["clock"][0]),
             hidden=sum(1 << k for k in np.flatnonzero(decisions.hidden[:decided]).tolist()),
             **{body.name: self._world.vehicles[body.name][:n].astype(body.recorded) for body in BODY},
             **columns,

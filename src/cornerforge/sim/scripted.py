@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from cornerforge.sim.world import World
 
 __all__ = [
+    "AGENT_FIELDS",
     "AT_SITE",
     "NATURAL",
     "SITE_FIELDS",
@@ -73,7 +74,12 @@ START_FIELDS = tuple(name for name in VEHICLE.names or () if name not in _FOLLOW
 vehicle that starts is present, has decided nothing yet, and decides at that moment."""
 AT_SITE = np.dtype([*VEHICLE.descr, *AGENT.descr, ("lights", "f8")])
 """A vehicle or person at the start of a script at a site; `lights` is the time of the signals then [s], for all one."""
-SITE_FIELDS = (*START_FIELDS, "present", *(AGENT.names or ()), "lights")
+AGENT_FIELDS = (
+    "present", "s", "route", "stage", "marks", "enters", "headway", "gaps", "manners", "cleared", "overlooks", "heeds",
+    "lights",
+)  # fmt: skip
+"""Fields of AT_SITE that make a start besides START_FIELDS; how an agent sees the world follows from the world."""
+SITE_FIELDS = (*START_FIELDS, *AGENT_FIELDS)
 """Fields that make a start at a site, as files hold them."""
 
 
@@ -446,9 +452,8 @@ class ScriptDriver(Recording):
                 states[name] = array[name][:n]
         states["lights"] = w.state["clock"][0] + later
         states["enters"] -= later
-        # what an agent thought of the moment it will think of anew; +inf is no number of a file
-        for name in ("free", "stops", "most", "goes", "ratio", "begins", "until"):
-            states[name] = 0.0
+        for name in set(AGENT.names or ()) - set(AGENT_FIELDS):
+            states[name] = 0
         states["enters"] = np.minimum(states["enters"], _NEVER)
         return states
 

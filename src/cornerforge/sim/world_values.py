@@ -6,13 +6,17 @@ import numpy as np
 
 from cornerforge.fields import SIZES
 from cornerforge.sim.outcome import AV_FAULT, IDLE, UNDRAWN
-from cornerforge.sim.world import MAX_BRANCH, NO_ACTION, NO_VEHICLE, UNKNOWN, World
+from cornerforge.sim.world import ALL_OF_THEM, COMES, GONE, MAX_BRANCH, NO_ACTION, NO_VEHICLE, UNKNOWN, World
+from cornerforge.site.tables import MAX_ROUTES
 from cornerforge.types import CLASSES, MAX_LANES, N_ACTIONS
 
 __all__ = ["world_fault"]
 
+_MOST_BITS = 62
+"""A route, and a bit mask of lanes, is any number with fewer bits."""
 _REAL = (-1e6, 1e6)
 _COUNT = (0, 2**63 - 1)
+_ANY = (-np.inf, np.inf)
 _YES_OR_NO = (0, 1)
 _ACTION = (NO_ACTION, N_ACTIONS - 1)
 _TENTHS = (0, 10**6)
@@ -40,6 +44,10 @@ _WITHIN: dict[str, tuple[float, float]] = {
     "av.steers": _YES_OR_NO,
     "av.alarmed": _TENTHS,
     "seen.as_what": (0, 2),
+    "agents.route": (0, MAX_ROUTES - 1),
+    "agents.stage": (COMES, GONE),
+    **dict.fromkeys(("agents.enters", "agents.free", "agents.stops", "agents.most", "agents.ratio"), _ANY),
+    "agents.goes": (0, 1),
 }
 """Ranges by array and field; others are real numbers within a thousand kilometres, or numbers of things."""
 
@@ -49,10 +57,12 @@ def world_fault(world: World, n_lanes: int = MAX_LANES) -> str | None:
 
     Args:
         world: One world, not a batch.
-        n_lanes: Lanes of its road, 1 to `MAX_LANES`; where that is not known, the most.
+        n_lanes: Lanes of its road, 1 to `MAX_LANES`; where that is not known, the most. At a site it is not read.
     """
     slots, pairs = world.vehicles.size, len(world.pairs)
     slot, no_slot = (0, slots - 1), (NO_VEHICLE, slots - 1)
+    if world.agents.size:
+        n_lanes = _MOST_BITS
     within = _WITHIN | {
         **dict.fromkeys(("vehicles.target_lane", "av.lane", "seen.target_lane"), (0, n_lanes - 1)),
         **dict.fromkeys(("vehicles.lanes", "seen.lanes"), (0, 2**n_lanes - 1)),
@@ -62,11 +72,13 @@ def world_fault(world: World, n_lanes: int = MAX_LANES) -> str | None:
         "order": slot,
         "current": slot,
         "pairs": slot,
+        "agents.overlooks": (ALL_OF_THEM, slots - 1),
+        **dict.fromkeys(("agents.heeds", "agents.for_whom"), no_slot),
         **dict.fromkeys(("av.lead", "av.rear"), (UNKNOWN, slots - 1)),
     }
     state = world.state[0]
     in_use = {
-        **dict.fromkeys(("vehicles", "noticed", "seen", "order"), state["n_vehicles"]),
+        **dict.fromkeys(("vehicles", "noticed", "seen", "order", "agents"), state["n_vehicles"]),
         "current": state["n_current"],
         "pairs": state["n_pairs"],
     }

@@ -1,6 +1,8 @@
-"""Lights of a site over time, for pages and judges; kernels ask `tables.letter_at` and `walk_letter`, which say the same."""
+"""Lights of a site over time, for pages and judges; in kernels `tables.letter_at` and `walk_letter` say the same."""
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +11,9 @@ from cornerforge._jit import inlined_kernel
 from cornerforge._philox import PURPOSE_INITIAL, block, uniform
 from cornerforge.site.network import Site
 from cornerforge.site.tables import CHANGE_TIME, SLOW_WALK
+
+if TYPE_CHECKING:
+    from cornerforge.types import Scenario
 
 __all__ = ["clock_of", "first_clock", "letters_over"]
 
@@ -19,9 +24,12 @@ def first_clock(cycle: float, seed: int, test: int) -> float:
     return cycle * uniform(block(seed, test, 0, 0, PURPOSE_INITIAL)[2])
 
 
-def clock_of(site: Site, seed: int, test: int) -> float:
-    """Compute at which time of its programme a site's signals are when a test begins [s]; 0 without signals."""
-    return float(first_clock(sum(phase.seconds for phase in site.programme), seed, test))
+def clock_of(scenario: Scenario) -> float:
+    """Say at which time of their programme signals are at the first frame of a recording [s]; 0 without any."""
+    if scenario.signals_s is not None:
+        return scenario.signals_s
+    programme = () if scenario.odd.site is None else scenario.odd.site.programme
+    return float(first_clock(sum(phase.seconds for phase in programme), scenario.seed, scenario.test))
 
 
 def letters_over(site: Site, route: int, times: NDArray[np.float64]) -> NDArray[np.str_]:

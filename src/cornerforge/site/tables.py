@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cornerforge._jit import inlined_kernel
+from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.errors import InputError
 from cornerforge.site.laws import Demand, Laws
 from cornerforge.site.network import TURNS, Site, headings_of
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 __all__ = [
     "CHANGE_TIME", "CROSS", "DIVERGE", "GREEN", "MAX_PHASES", "MAX_PLACES", "MAX_ROUTES", "MEETINGS", "MERGE",
     "NOISE_CELLS", "NO_SITE", "NO_ZONE", "RED", "SHARED", "SITE", "SLOW_WALK", "WALK", "WARM_UP", "WEAVE", "YELLOW",
-    "approaches", "at_site", "letter_at", "longer", "mapped", "place_of", "pose_at", "site_numbers", "slots_at",
-    "speed_at", "walk_letter", "when_green",
+    "approaches", "at_site", "letter_at", "longer", "mapped", "nearest_place", "place_of", "pose_at", "site_numbers",
+    "slots_at", "speed_at", "walk_letter", "when_green",
 ]  # fmt: skip
 
 MAX_ROUTES, MAX_PLACES, MAX_PHASES = 64, 512, 32
@@ -252,6 +252,22 @@ def pose_at(site: NDArray[np.void], route: int, s: float) -> tuple[float, float,
         here.y + part * (after.y - here.y),
         here.heading + part * (after.heading - here.heading),
     )
+
+
+@kernel
+def nearest_place(site: NDArray[np.void], route: int, x: float, y: float) -> float:
+    """Find how far along a route [m] its point nearest to a place is, x and y [m]."""
+    row, places = site[0].route[route], site[0].place[route]
+    best, found = np.inf, 0.0
+    for k in range(row.places - 1):
+        one, after = places[k], places[k + 1]
+        dx, dy = after.x - one.x, after.y - one.y
+        part = ((x - one.x) * dx + (y - one.y) * dy) / (dx * dx + dy * dy)
+        part = max(0.0, min(part, 1.0))
+        away = (one.x + part * dx - x) ** 2 + (one.y + part * dy - y) ** 2
+        if away < best:
+            best, found = away, (k + part) * row.step
+    return found
 
 
 @inlined_kernel

@@ -57,6 +57,7 @@ def analyse(options: Analyse) -> Analysed:
         CornerForgeError: The library cannot be read or is empty, or an argument is out of range.
     """
     from cornerforge.analysis import analyse as analyse_history
+    from cornerforge.analysis.site_case import in_av_frame
 
     check_integer("seed", options.seed, low=0, high=2**32 - 1)
     looks = _looks(options.avoidability)
@@ -83,6 +84,8 @@ def analyse(options: Analyse) -> Analysed:
         open_output(Path(options.out), identity, resume=True)
     options.progress("analyse", 0, len(cases))
     ids, history = cases.history()
+    if cases.odd.site is not None:  # so that features, and faces of the contact, mean what they do on roads
+        history = in_av_frame(history)
     length, width = cases.sizes()
     found = analyse_history(
         ids, history, steps=options.steps, seed=options.seed, vehicle_length=length, vehicle_width=width
@@ -279,13 +282,20 @@ def _avoidability(table: pa.Table, is_drawn: NDArray[np.bool_], reaction: float)
 def _prevented_masks(table: pa.Table) -> dict[str, NDArray[np.bool_]]:
     """Mark the cases that each reference driver would have prevented: at all, and by braking."""
     from cornerforge.analysis.prevented import CAREFULLY
-    from cornerforge.drivers.careful import CAREFUL
 
     said = [set() if names is None else set(names.split(", ")) for names in _strings(table, "prevented_by")]
     held = np.array([bool(value) for value in table.column("held_speed_prevents").to_pylist()], np.bool_)
-    by = {name: np.array([name in names for names in said], np.bool_) for name in CAREFUL}
+    by = {name: np.array([name in names for names in said], np.bool_) for name in _drivers(table)}
     careful = {"a careful driver": np.isin(_ways(table), CAREFULLY)}
     return careful | by | {f"{name}{_BY_BRAKING}": cases & ~held for name, cases in by.items()}
+
+
+def _drivers(table: pa.Table) -> list[str]:
+    """Name the reference drivers that drove in a case; at a site those that know lanes did not, and are left out."""
+    from cornerforge.drivers.careful import CAREFUL
+
+    column = {name: table.column(f"braking_{name.replace('-', '_')}_mps2") for name in CAREFUL}
+    return [name for name, braking in column.items() if braking.null_count < table.num_rows] or list(CAREFUL)
 
 
 def _ways(table: pa.Table) -> NDArray[np.str_]:
@@ -295,7 +305,6 @@ def _ways(table: pa.Table) -> NDArray[np.str_]:
 def _prevented(table: pa.Table) -> dict[str, Any] | None:
     """Count what each reference driver would have prevented; None when no case could be judged."""
     from cornerforge.analysis.prevented import PREVENTION
-    from cornerforge.drivers.careful import CAREFUL
 
     masks = _prevented_masks(table)
     n = table.num_rows - table.column("prevented_by").null_count
@@ -311,7 +320,7 @@ def _prevented(table: pa.Table) -> dict[str, Any] | None:
             "by_braking": int(braking.sum()),
         }
 
-    by = {name: (masks[name], masks[f"{name}{_BY_BRAKING}"]) for name in CAREFUL}
+    by = {name: (masks[name], masks[f"{name}{_BY_BRAKING}"]) for name in _drivers(table)}
     every, braked = (np.logical_or.reduce(part) for part in zip(*by.values(), strict=True))
     held = sum(bool(value) for value in table.column("held_speed_prevents").to_pylist())
     return {
@@ -327,8 +336,6 @@ def _compared(
     found: Analysis, table: pa.Table, drawn: frozenset[str], reaction: float, reacting: dict[str, NDArray[np.bool_]]
 ) -> dict[str, Any] | None:
     """Compare the judges on the drawn cases that all of them judged; None: there is none."""
-    from cornerforge.drivers.careful import CAREFUL
-
     said, ways = _strings(table, "prevented_by"), _strings(table, "avoidability")
     rows = [
         row
@@ -339,7 +346,7 @@ def _compared(
     compared = judges_of(
         _column(table, "time_to_react_s")[rows],
         _own(table)[rows],
-        {name: masks[name][rows] for name in CAREFUL},
+        {name: masks[name][rows] for name in _drivers(table)},
         np.array([bool(held[row]) for row in rows], np.bool_),
         np.array([reacting[found.case_ids[row]] for row in rows], np.bool_),
         float(reaction) or LEAD_S,
@@ -424,7 +431,7 @@ def _top(cases: CaseLibrary, found: Analysis, table: pa.Table, value: Value, row
     top = []
     for row, known in zip(rows, avoidance, strict=True):
         case_id = found.case_ids[row]
-        avoided = avoidance_in_words(known["avoidability"], known["latest_any_s"])
+        avoided = avoidance_in_words(known["avoidability"], known["latest_any_s"], known["latest_braking_s"])
         words = case_in_words(cases.scenario(case_id).scenario, avoided)
         top.append(
             {

@@ -20,7 +20,7 @@ from cornerforge._options import verb
 from cornerforge._schema import meant
 from cornerforge.analysis.crash_types import STRIKERS, classify_crashes
 from cornerforge.analysis.in_words import what_happened
-from cornerforge.analysis.mechanism import contact_pose, crash_type_of
+from cornerforge.analysis.mechanism import contact_pose, crash_type_of, own_frame
 from cornerforge.drivers.rails import X
 from cornerforge.errors import AvFaultError, InputError, UnknownNameError
 from cornerforge.experiment.experiments import Experiment
@@ -292,7 +292,7 @@ def striker_of_file(case: CaseFile) -> str | None:
     pair = [0, int(np.flatnonzero(case.script.slot == happened.partner)[0])]
     length, width = (case.script.start[name][pair].astype(np.float64)[None] for name in ("length", "width"))
     with _saying(case):
-        return STRIKERS[int(classify_crashes(happened.pose[None], length, width).striker[0])]
+        return STRIKERS[int(classify_crashes(own_frame(happened.pose[None], case.odd), length, width).striker[0])]
 
 
 def happened_in(scenario: Scenario) -> Happened:

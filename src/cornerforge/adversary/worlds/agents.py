@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from cornerforge._jit import kernel
+from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.adversary.worlds.drive_bv import MAX_TRIES, History, Series, reward_of, start_with_bv
 from cornerforge.road.straight import driven
 from cornerforge.sim import (
@@ -30,6 +30,7 @@ from cornerforge.sim import (
     reset_world,
     world_row,
 )
+from cornerforge.site.tables import at_site
 from cornerforge.types import ACTION_HOLD, FIRST_ACCELERATION, N_ACTIONS
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
 __all__ = [
     "MAX_TRIES",
     "NOBODY_LEFT",
+    "SITE_ROWS",
     "AvAgents",
     "BvAgents",
     "allocate_av_agents",
@@ -55,6 +57,8 @@ __all__ = [
     "substitute_action",
 ]
 
+SITE_ROWS = av_scene.FIRST_AGENT + 16
+"""Rows of what an agent that is the AV at a site sees: of the 16 nearest agents."""
 NOBODY_LEFT = 8
 """Outcome besides the codes of `sim.outcome`, none of which is 8: no BV is left to control."""
 
@@ -198,7 +202,7 @@ class AvAgents(NamedTuple):
         worlds, chosen, seeds, tests, outcome: As in `BvAgents`.
         command: Acceleration that the AV holds [m/s2], float64 (B,).
         order: Lane order, int64 (B,), see `actions.ordered_lane`.
-        seen: What the AV sees, float32 (B, VIEW_ROWS, VIEW_COLUMNS).
+        seen: What the AV sees, float32 (B, VIEW_ROWS, VIEW_COLUMNS); at a site (B, SITE_ROWS, SITE_COLUMNS).
         metres: What the AV drove in the last step, float64 (B,).
     """
 
@@ -215,6 +219,8 @@ class AvAgents(NamedTuple):
 
 def allocate_av_agents(n_worlds: int, slots: int, road: RoadNumbers | None = None) -> AvAgents:
     """Allocate `n_worlds` idle worlds of `slots` vehicle slots, of an AV that sees so late [0.1 s]."""
+    at_a_site = road is not None and road.site.size > 0
+    shape = (SITE_ROWS, av_scene.SITE_COLUMNS) if at_a_site else (av_view.VIEW_ROWS, av_view.VIEW_COLUMNS)
     return AvAgents(
         allocate_worlds(n_worlds, slots, road),
         np.zeros(n_worlds, dtype=np.bool_),
@@ -222,10 +228,19 @@ def allocate_av_agents(n_worlds: int, slots: int, road: RoadNumbers | None = Non
         np.zeros(n_worlds, dtype=np.int64),
         np.zeros(n_worlds),
         np.zeros(n_worlds, dtype=np.int64),
-        np.zeros((n_worlds, av_view.VIEW_ROWS, av_view.VIEW_COLUMNS), dtype=np.float32),
+        np.zeros((n_worlds, *shape), dtype=np.float32),
         np.zeros(n_worlds, dtype=np.int64),
         np.zeros(n_worlds),
     )
+
+
+@inlined_kernel
+def _way(w: World, road: RoadNumbers) -> float:
+    """Compute how far the AV has driven [m], from any place."""
+    if at_site(road.site):
+        way: float = w.agents[0].s
+        return way
+    return driven(w.vehicles, 0, road)
 
 
 @kernel
@@ -253,9 +268,9 @@ def drive_on_as_av(begin: int, end: int, setting: Setting, agents: AvAgents, s: 
         if not agents.chosen[b]:
             continue
         w = world_row(agents.worlds, b)
-        before = driven(w.vehicles, 0, setting.road)
+        before = _way(w, setting.road)
         answer_as_av(w, agents.command[b], actions.ordered_lane(w, 0, agents.order[b], setting.road))
         advance(w, setting, s, keep, NEVER)
         agents.outcome[b] = w.state[0].outcome
-        agents.metres[b] = driven(w.vehicles, 0, setting.road) - before
+        agents.metres[b] = _way(w, setting.road) - before
         av_scene.show_to_av(w, setting.road, s.av, agents.seen[b])

@@ -14,7 +14,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_integer
+from cornerforge._checks import check_in, check_integer
 from cornerforge._words import shown
 from cornerforge.adversary.verdicts import verdict_of
 from cornerforge.adversary.worlds import (
@@ -32,7 +32,7 @@ from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.setting import experiment
 from cornerforge.ext.gym.raster import top_view
-from cornerforge.ext.gym.spaces import ClosedError, ResetNeededError, av_commands
+from cornerforge.ext.gym.spaces import N_SITE, ClosedError, ResetNeededError, av_commands, flat_scene
 from cornerforge.foreign.networks import SIZES
 from cornerforge.foreign.session import context_of
 from cornerforge.sim import (
@@ -56,6 +56,7 @@ __all__ = [
     "Batch",
     "BvBatch",
     "adversary_batch",
+    "check_render_mode",
     "check_seed",
     "driving_batch",
     "read_options",
@@ -79,6 +80,17 @@ no BV is left; an AV from outside raised, hung, or gave no usable answer, and th
 _ACT_EVERY = (1, 2, 5, 10)
 _WORLDS_PER_THREAD = 64
 """Least number of worlds for each thread."""
+
+
+def check_render_mode(render_mode: str, batch: Batch) -> None:
+    """Check that a batch can be drawn so.
+
+    Raises:
+        InputError: The mode is not known, or the worlds are at a site.
+    """
+    check_in("render_mode", render_mode, ("rgb_array",))
+    if batch.run.odd.site is not None:
+        raise InputError(f"render_mode = {render_mode!r} draws roads only; leave it out at a site.")
 
 
 def check_seed(seed: Any) -> int:
@@ -384,11 +396,11 @@ class AvBatch(Batch):
 
     Args:
         run, n, threads, cores: As for `Batch`; `run.setting.road.av_substeps` is 1, 2, 5 or 10.
-        box: Actions are pairs of numbers instead of indices (`spaces.av_commands`).
-        scaled: Observations are divided by `networks.SIZES`.
+        box: Actions are pairs of numbers, at a site one, instead of indices (`spaces.av_commands`).
+        scaled: Observations are divided by `networks.SIZES`, at a site by `spaces.SITE_SIZES`.
 
     Attributes:
-        observation: float32 (B, VIEW_ROWS, VIEW_COLUMNS).
+        observation: float32 (B, VIEW_ROWS, VIEW_COLUMNS); at a site (B, N_SITE).
     """
 
     def __init__(
@@ -398,7 +410,11 @@ class AvBatch(Batch):
         super().__init__(run, n, threads, cores, self._agents)
         self._setting = run.setting.with_drivers(av=controllers.OUTSIDE)
         self._box, self._scaled = box, scaled
+        self._site = run.odd.site
         self.observation = self._agents.seen.copy() if scaled else self._agents.seen
+        if self._site is not None:
+            self.observation = np.zeros((n, N_SITE), dtype=np.float32)
+            self._lengths = np.array([route.length for route in self._site.routes])
         self.reward = np.zeros(n)
         self._context = context_of(run.odd, batch=n, seed=0)
 
@@ -428,7 +444,7 @@ class AvBatch(Batch):
         self._see()
 
     def _advance(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None:
-        command, order = av_commands(actions, box=self._box)
+        command, order = av_commands(actions, box=self._box, at_site=self._site is not None)
         self._drive(command, order, chosen)
 
     def drive(self, command: NDArray[np.float64], order: NDArray[np.int64], chosen: NDArray[np.bool_]) -> None:
@@ -437,7 +453,9 @@ class AvBatch(Batch):
         self._note_ends(chosen)
 
     def _see(self) -> None:
-        if self._scaled:
+        if self._site is not None:
+            self.observation[:] = flat_scene(self._agents.seen, scaled=self._scaled)
+        elif self._scaled:
             np.divide(self._agents.seen, SIZES, out=self.observation)
 
     def _drive(self, command: NDArray[np.float64], order: NDArray[np.int64], chosen: NDArray[np.bool_]) -> None:
@@ -450,7 +468,10 @@ class AvBatch(Batch):
 
         self._share(work)
         self._see()
-        self.reward[:] = self._agents.metres / self.run.setting.road.test_length - (self.outcome == outcome.AV_CRASH)
+        lengths = self.run.setting.road.test_length
+        if self._site is not None:
+            lengths = self._lengths[self.worlds.agents["route"][:, 0]]
+        self.reward[:] = self._agents.metres / lengths - (self.outcome == outcome.AV_CRASH)
 
 
 def adversary_batch(n: int, threads: int | None, world: WorldOptions, *, reward: str, delay: float = 1.0) -> BvBatch:
@@ -466,6 +487,8 @@ def driving_batch(
     n: int, threads: int | None, world: WorldOptions, *, bv: str, box: bool, act_every: int | None, scaled: bool = False
 ) -> AvBatch:
     """Make the worlds for `Driving-v0`; arguments as for `DrivingEnv`."""
+    if world.site is not None:  # the AV is the agent; one that may stand at a site is named in its place
+        world = replace(world, av="idm-yield")
     run = experiment(world, bv=bv)
     if act_every is not None:
         if act_every not in _ACT_EVERY:

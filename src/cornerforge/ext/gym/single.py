@@ -8,9 +8,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_in
 from cornerforge._options import made_of
-from cornerforge.ext.gym.batch import OUTCOMES, Batch, adversary_batch, check_seed, driving_batch, read_options
+from cornerforge.ext.gym.batch import OUTCOMES, Batch, adversary_batch, check_render_mode, check_seed, driving_batch, read_options
 from cornerforge.ext.gym.options import Adversary, Driving
 from cornerforge.ext.gym.spaces import (
     ResetNeededError,
@@ -34,7 +33,7 @@ class _SingleEnv(gymnasium.Env[Any, Any]):
 
     def _finish(self, render_mode: str | None, fps: int) -> None:
         if render_mode is not None:
-            check_in("render_mode", render_mode, ("rgb_array",))
+            check_render_mode(render_mode, self._batch)
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": fps}
 
@@ -147,8 +146,8 @@ class AdversaryEnv(_SingleEnv):
 class DrivingEnv(_SingleEnv):
     """The agent is the AV.
 
-    Observation: float32 (13, 8), `sim.av_view`, over usual sizes (`networks.SIZES`) or in SI units. Reward: the share
-    of the test's length that it drove in this step, minus 1 for a crash.
+    Observation: float32 (13, 8), `sim.av_view`, over usual sizes (`networks.SIZES`) or in SI units; at a site float32
+    (380,), `spaces.flat_scene`. Reward: the share of the test's length that it drove in this step, minus 1 for a crash.
 
     Args:
         options: Those of `options.Driving`, by name; `bounded` is for plain adversaries, a policy file says it itself.
@@ -160,7 +159,7 @@ class DrivingEnv(_SingleEnv):
 
     @made_of(Driving)
     def __init__(self, options: Driving) -> None:
-        self.action_space = driving_actions(options.actions)
+        self.action_space = driving_actions(options.actions, at_site=options.site is not None)
         self._batch = driving_batch(
             1, 1, options.world(), bv=options.bv, box=options.actions == "box", act_every=options.act_every,
             scaled=options.scaled,

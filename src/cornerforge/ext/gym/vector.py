@@ -10,12 +10,19 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_in
 from cornerforge._options import made_of
 from cornerforge._schema import is_several
 from cornerforge._words import shown
 from cornerforge.errors import InputError
-from cornerforge.ext.gym.batch import OUTCOMES, Batch, adversary_batch, check_seed, driving_batch, read_options
+from cornerforge.ext.gym.batch import (
+    OUTCOMES,
+    Batch,
+    adversary_batch,
+    check_render_mode,
+    check_seed,
+    driving_batch,
+    read_options,
+)
 from cornerforge.ext.gym.options import AdversaryVector, DrivingVector
 from cornerforge.ext.gym.spaces import (
     ResetNeededError,
@@ -44,7 +51,7 @@ class _BatchVectorEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]
             allowed = ", ".join(f'"{mode.value}"' for mode in AutoresetMode)
             raise InputError(f"autoreset_mode = {autoreset_mode!r} is not known; allowed: {allowed}.") from None
         if render_mode is not None:
-            check_in("render_mode", render_mode, ("rgb_array",))
+            check_render_mode(render_mode, self._batch)
         self.render_mode = render_mode
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": fps, "autoreset_mode": self._mode}
         self.num_envs = num_envs
@@ -231,7 +238,7 @@ class DrivingVectorEnv(_BatchVectorEnv):
 
     @made_of(DrivingVector)
     def __init__(self, options: DrivingVector) -> None:
-        self.single_action_space = driving_actions(options.actions)
+        self.single_action_space = driving_actions(options.actions, at_site=options.site is not None)
         self._batch = driving_batch(
             options.num_envs, options.threads, options.world(), bv=options.bv, box=options.actions == "box",
             act_every=options.act_every, scaled=options.scaled,

@@ -7,6 +7,8 @@ lanelet 1 is the rightmost lane. The vehicle of slot s is obstacle 100 + s, the 
 The AV's place has a planning problem: its start, and as the goal to be somewhere on the road at the last recorded step.
 So it is solved by getting through without a contact, at any speed. The schema wants a planning problem in every file.
 
+At a site the plane is the site's: `commonroad_site` writes its lanelets, lights and intersection.
+
 What a case brings besides stands in the attribute `source`, the only one with free text that CommonRoad's own tools
 keep: "cornerforge; name: value; name: value".
 """
@@ -14,7 +16,7 @@ keep: "cornerforge; name: value; name: value".
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +27,8 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_finite, check_in
 from cornerforge._files import writing
+from cornerforge.ext.interchange.commonroad_site import site_in_commonroad
+from cornerforge.ext.interchange.site_lanes import within_a_turn
 from cornerforge.library.out_case import Fact, OutCase, check_name, fact_of_text
 from cornerforge.types import CLASSES, FRAME_S, Scenario
 
@@ -122,33 +126,46 @@ def _prolonged(scenario: Scenario) -> Scenario:
     after = FRAME_S * np.arange(1, _AFTER + 1)[:, None]
     last = {name: getattr(scenario, name)[-1:] for name in ("x", "y", "speed", "target_lane", "present")}
     more: dict[str, Any] = {name: np.repeat(values, _AFTER, axis=0) for name, values in last.items()}
-    more["x"] = more["x"] + more["speed"] * after
     more["heading"] = more["acceleration"] = np.zeros_like(more["x"])
+    if scenario.odd.site is not None:
+        more["heading"] = np.repeat(scenario.heading[-1:], _AFTER, axis=0)
+        more["y"] = more["y"] + more["speed"] * np.sin(more["heading"]) * after
+    more["x"] = more["x"] + more["speed"] * np.cos(more["heading"]) * after
     longer: dict[str, Any] = {name: np.concatenate([getattr(scenario, name), more[name]]) for name in more}
     return replace(scenario, **longer)
 
 
 def _pieces(scenario: Scenario, facts: dict[str, Fact], *, with_av: bool, date: str) -> Iterator[str]:
     """Make the file's text, piece by piece, in the order that the schema wants."""
-    road = scenario.odd
+    road, site = scenario.odd, None if scenario.odd.site is None else site_in_commonroad(scenario, scenario.odd.site)
     changes = np.unique(scenario.target_lane[scenario.present[:, 0], 0]).size > 1
+    ways = f"{'<lane_change/>' if changes else '<lane_following/>'}<multi_lane/><no_oncoming_traffic/><parallel_lanes/>"
+    tags = f"<highway/>{'<critical/>' if scenario.crash else ''}{ways}" if site is None else (
+        f"<urban/>{'<critical/>' if scenario.crash else ''}<intersection/>"
+    )  # fmt: skip
     yield (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
         f'<commonRoad commonRoadVersion="2020a" benchmarkID="{_benchmark_id(scenario)}" date={quoteattr(date)} '
         f'author="cornerforge" affiliation="not stated" source={quoteattr(source_of_facts(facts))} '
         f'timeStepSize="{FRAME_S}">\n'
         "<location><geoNameId>-999</geoNameId><gpsLatitude>999</gpsLatitude><gpsLongitude>999</gpsLongitude>"
-        "</location>\n<scenarioTags><highway/>"
-        f"{'<critical/>' if scenario.crash else ''}{'<lane_change/>' if changes else '<lane_following/>'}"
-        "<multi_lane/><no_oncoming_traffic/><parallel_lanes/><simulated/></scenarioTags>\n"
+        f"</location>\n<scenarioTags>{tags}<simulated/></scenarioTags>\n"
     )
-    along = scenario.x[scenario.present]
-    ends = float(along.min()) - _BEHIND, float(along.max()) + _AHEAD
-    for lane in range(road.n_lanes):
-        yield _lanelet(lane, road.n_lanes, road.lane_width, ends)
-    for column in range(0 if with_av else 1, scenario.slot.size):
+    if site is None:
+        along = scenario.x[scenario.present]
+        ends = float(along.min()) - _BEHIND, float(along.max()) + _AHEAD
+        for lane in range(road.n_lanes):
+            yield _lanelet(lane, road.n_lanes, road.lane_width, ends)
+        goals = range(1, 1 + road.n_lanes)
+    else:
+        yield from site.lanelets
+        yield from site.lights
+        yield site.intersection
+        goals = site.goals
+    there = np.flatnonzero(scenario.present.any(axis=0)).tolist()  # at a site some come only after the end
+    for column in there[0 if with_av else 1 :]:
         yield from _obstacles(scenario, column)
-    yield _planning_problem(scenario)
+    yield _planning_problem(scenario, goals)
     yield "</commonRoad>\n"
 
 
@@ -179,7 +196,7 @@ def _lanelet(lane: int, lanes: int, width: float, ends: tuple[float, float]) -> 
 def _obstacles(scenario: Scenario, column: int) -> Iterator[str]:
     """Write a vehicle as an obstacle for each time that it is there without a break."""
     frames = np.flatnonzero(scenario.present[:, column])
-    kind = CLASSES[scenario.kind[column]].name
+    kind = CLASSES[scenario.kind[column]].name.replace("person", "pedestrian")
     shape = f"<length>{scenario.length[column]:.6f}</length><width>{scenario.width[column]:.6f}</width>"
     for again, span in enumerate(np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)):
         states = _states(scenario, column, span)
@@ -199,9 +216,9 @@ def _states(scenario: Scenario, column: int, frames: NDArray[np.int64]) -> NDArr
         [
             scenario.x[frames, column],
             scenario.y[frames, column],
-            heading,
+            within_a_turn(heading),
             frames.astype(np.float64),
-            along / np.cos(heading),
+            along if scenario.odd.site else along / np.cos(heading),
             scenario.acceleration[frames, column],
         ],
         axis=1,
@@ -210,13 +227,13 @@ def _states(scenario: Scenario, column: int, frames: NDArray[np.int64]) -> NDArr
     return states
 
 
-def _planning_problem(scenario: Scenario) -> str:
-    """Write the AV's start, and the goal to be on the road at the last step."""
+def _planning_problem(scenario: Scenario, goals: Iterable[int]) -> str:
+    """Write the AV's start, and the goal to be in one of these lanelets at the last step."""
     x, y, heading, _, velocity, acceleration = _states(scenario, 0, np.arange(1))[0].tolist()
     turned = scenario.heading[1:2, 0] - scenario.heading[:1, 0]
     yaw_rate = float(turned[0]) / FRAME_S if turned.size else 0.0
     last = max(len(scenario.x) - 1, 1)
-    lanelets = "".join(f'<lanelet ref="{1 + lane}"/>' for lane in range(scenario.odd.n_lanes))
+    lanelets = "".join(f'<lanelet ref="{lanelet}"/>' for lanelet in goals)
     return (
         f'<planningProblem id="{_PLANNING}">\n'
         f"<initialState><position><point><x>{x:.6f}</x><y>{y:.6f}</y></point></position>"

@@ -23,6 +23,7 @@ from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.case_file import write_case_file
 from cornerforge.results.whole import Exported
 from cornerforge.road.network import Road
+from cornerforge.site.network import Site
 
 __all__ = ["EXPORTS", "CaseWriter", "ExportOptions", "export", "export_text", "is_installed"]
 
@@ -77,6 +78,7 @@ class CaseWriter:
         if to != "openscenario" and self._options.version != ExportOptions().version:
             raise InputError(f"The version is that of openscenario; leave it out for {to}.")
         _check_road(cases.odd.road, to)
+        _check_site(cases.odd.site, to)
         if not is_installed(to):
             raise MissingExtraError(*_NEEDS[to][1:])
         self._facts = CaseFacts(cases)
@@ -128,6 +130,8 @@ _NEEDS = {
 """Module that a format needs, its package, and the extra that installs it."""
 _HOLD_ROADS = frozenset({"json", "mcap", "openscenario", "osi"})
 """Formats that hold roads with curves, and with lanes that begin and end."""
+_HOLD_SITES = frozenset({"commonroad", "csv", "mcap", "osi", "parquet"})
+"""Formats that hold cases at a junction."""
 _MODES = {"openscenario": ("recorded", "controller", "relative"), "commonroad": ("recorded", "controller")}
 _ENDINGS = {"csv": "csv", "parquet": "parquet", "rerun": "rrd", "json": "json"}
 
@@ -176,6 +180,19 @@ def _check_road(road: Road | None, to: str) -> None:
         raise InputError(
             f"{to} is written with straight lanes that all go on, and the road {road.name} has others; "
             f"export its cases to: {', '.join(sorted(_HOLD_ROADS))}."
+        )
+
+
+def _check_site(site: Site | None, to: str) -> None:
+    """Refuse a junction where a format is written without it.
+
+    Raises:
+        InputError: The format cannot hold it.
+    """
+    if to not in _HOLD_SITES and site is not None:
+        raise InputError(
+            f"{to} is written with lanes beside each other on one road, and {site.name} is a junction; "
+            f"export its cases to: {', '.join(sorted(_HOLD_SITES))}."
         )
 
 

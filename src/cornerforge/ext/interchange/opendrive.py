@@ -10,6 +10,7 @@ from cornerforge._checks import check_number
 from cornerforge._files import writing
 from cornerforge.errors import OutputError
 from cornerforge.ext.interchange.opendrive_lanes import road_file, road_text
+from cornerforge.ext.interchange.opendrive_site import site_file
 from cornerforge.road.lanes import lanes_of
 from cornerforge.road.network import Road
 from cornerforge.road.reference import Piece
@@ -61,9 +62,10 @@ def road_name(odd: Odd, first: float = FIRST_METRE, last: float = LAST_METRE) ->
 def write_road_once(odd: Odd, folder: Path, first: float, last: float) -> str:
     """Write the road of a case into the folder of the cases as OpenDRIVE 1.7, unless it is there; return its name.
 
-    Several processes may do so at the same time. Without a road of its own an ODD has a straight, level one: x and y in
-    the file are ours, its reference line is the left edge, and each lane has the ODD's highest speed as its limit.
-    Lanes lie to the right of the reference line: -1 is the leftmost, -n the rightmost, our lane 0 (`lane_id`).
+        Several processes may do so at the same time. Without a road of its own an ODD has a straight, level one: x
+    and y in     the file are ours, its reference line is the left edge, and each lane has the ODD's highest speed as
+    its limit.     A site is written by `opendrive_site`, in its own plane. Lanes lie to the right of the reference
+    line: -1 is the leftmost, -n the rightmost, our lane 0 (`lane_id`).
 
     Args:
         odd: The road.
@@ -74,7 +76,9 @@ def write_road_once(odd: Odd, folder: Path, first: float, last: float) -> str:
         InputError: OpenDRIVE cannot hold it, or vehicles are too far off.
         OutputError: It cannot be written.
     """
-    if odd.road is None:
+    if odd.site is not None:
+        name, text = site_file(odd.site)
+    elif odd.road is None:
         first, last = road_reach(first, last)
         name, text = road_name(odd, first, last), _road(odd, first, last)
     else:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from cornerforge.errors import InputError
 from cornerforge.ext.interchange.openscenario_elements import quoted
+from cornerforge.ext.interchange.site_lanes import within_a_turn
 from cornerforge.library.out_case import safe_name
 from cornerforge.report.surface import MARKS, lane_on, marks_between
 from cornerforge.road.lanes import lanes_of
@@ -52,12 +53,27 @@ class InWorld(NamedTuple):
 
 
 def in_world(odd: Odd, x: NDArray[np.float64], y: NDArray[np.float64], heading: NDArray[np.float64]) -> InWorld:
-    """Give places of the simulator in the world of the ODD's road; without one the world is the simulator's."""
+    """Give places of the simulator in the world of the ODD's road; without one the world is the simulator's.
+
+    At a site `road` is the direction of each one's own way.
+    """
+    if odd.site is not None:
+        return InWorld(x, y, within_a_turn(heading), heading, _bend(x, y, heading), np.ones_like(x))
     if odd.road is None:
         return InWorld(x, y, heading, np.zeros_like(x), np.zeros_like(x), np.ones_like(x))
     pose = odd.road.pose_at(x + odd.road_at, y)
     stretch = 1.0 / (1.0 + pose.curvature * odd.road.aside(y))
     return InWorld(pose.x, pose.y, pose.heading + heading, pose.heading, pose.curvature, stretch)
+
+
+def _bend(x: NDArray[np.float64], y: NDArray[np.float64], heading: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the curvature of ways from frame to frame, (F, N) [1/m]; 0 where one stands, comes or goes."""
+    if len(x) < 2:
+        return np.zeros_like(x)
+    way = np.hypot(np.gradient(x, axis=0), np.gradient(y, axis=0))
+    turn = np.gradient(heading, axis=0)
+    moves = np.isfinite(turn) & (way > 0.05)
+    return np.where(moves, turn / np.where(moves, way, 1.0), 0.0)
 
 
 def is_straight(road: Road) -> bool:

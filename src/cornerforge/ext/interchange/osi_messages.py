@@ -11,11 +11,11 @@ from typing import Any
 
 from cornerforge.errors import MissingExtraError
 
-__all__ = ["GROUND_TRUTH", "SENSOR_VIEW", "VEHICLE", "VERSION", "message_class", "schema_bytes"]
+__all__ = ["GROUND_TRUTH", "PEDESTRIAN", "SENSOR_VIEW", "VEHICLE", "VERSION", "message_class", "schema_bytes"]
 
 GROUND_TRUTH, SENSOR_VIEW = "osi3.GroundTruth", "osi3.SensorView"
-VEHICLE = 2
-"""Type of a moving object; of the others, 3 is a pedestrian, 4 an animal."""
+VEHICLE, PEDESTRIAN = 2, 3
+"""Types of moving objects; of the others, 4 is an animal."""
 VERSION = (3, 7, 0)
 """Version of OSI that is written; all of OSI 3 is read."""
 _PACKAGE = "osi3"
@@ -45,9 +45,24 @@ _MESSAGES: dict[str, dict[str, tuple[int, str]]] = {
         "driver_id": (1, "Identifier"), "bbcenter_to_rear": (4, "Vector3d"), "bbcenter_to_front": (5, "Vector3d"),
     },
     "MovingObject.VehicleClassification": {"type": (1, "int32"), "role": (5, "int32")},
+    "TrafficLight": {
+        "id": (1, "Identifier"), "base": (2, "BaseStationary"), "classification": (3, "TrafficLight.Classification"),
+    },
+    "TrafficLight.Classification": {
+        "color": (1, "int32"), "icon": (2, "int32"), "mode": (3, "int32"), "assigned_lane_id": (5, "Identifier*"),
+    },
+    "Lane": {"id": (1, "Identifier"), "classification": (2, "Lane.Classification")},
+    "Lane.Classification": {
+        "type": (1, "int32"), "centerline": (3, "Vector3d*"), "centerline_is_driving_direction": (4, "bool"),
+        "lane_pairing": (7, "Lane.Classification.LanePairing*"),
+    },
+    "Lane.Classification.LanePairing": {
+        "antecessor_lane_id": (1, "Identifier"), "successor_lane_id": (2, "Identifier"),
+    },
     "GroundTruth": {
         **_NOW, "host_vehicle_id": (3, "Identifier"), "stationary_object": (4, "StationaryObject*"),
-        "moving_object": (5, "MovingObject*"), "map_reference": (15, "string"),
+        "moving_object": (5, "MovingObject*"), "traffic_light": (7, "TrafficLight*"), "lane": (10, "Lane*"),
+        "map_reference": (15, "string"),
     },
     "SensorView": {**_NOW, "global_ground_truth": (7, "GroundTruth")},
 }  # fmt: skip

@@ -12,6 +12,7 @@ import io
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -28,9 +29,10 @@ from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED
 from cornerforge.errors import DataError, FileFormatError, InputError
 from cornerforge.ext.interchange.differences import jumps, rates
 from cornerforge.ext.interchange.left_out import gaps, in_lanes, nearest, within
+from cornerforge.ext.interchange.site_lanes import within_a_turn
 from cornerforge.fields import Field
 from cornerforge.library.out_case import ONE_LANE, Fact, MovingCase, OutCase, safe_name, straight_road
-from cornerforge.types import CLASSES, FRAME_S, MAX_LANES, Scenario
+from cornerforge.types import CLASSES, FRAME_S, MAX_LANES, Odd, Scenario
 
 __all__ = ["COLUMNS", "read_table", "write_table"]
 
@@ -49,6 +51,12 @@ COLUMNS = (
     Field("lane", "int32", "", "Lane kept or changed to; 0 is the rightmost."),
 )
 """Columns of a table, in this order; rows are ordered by frame and slot."""
+_AT_SITE = {
+    "class": "Class of the vehicle: car or truck, or person.", "x_m": "Box centre, east.", "y_m": "Box centre, north.",
+    "speed_mps": "Along its way.", "heading_rad": "Counter-clockwise from east.",
+    "acceleration_mps2": "Along its way.", "lane": "Index of its route.",
+}  # fmt: skip
+"""Meaning of columns at a site, where it is another. No table of a site is read back."""
 
 _MARK = "cornerforge case"
 _KEY = b"cornerforge"
@@ -83,21 +91,31 @@ def write_table(case: OutCase, path: Path) -> tuple[str, ...]:
     """
     if path.suffix not in (".csv", ".parquet"):
         raise InputError(f"{path.name}: a table ends in .csv or .parquet.")
-    road = {"lanes": case.scenario.odd.n_lanes, "lane_width_m": case.scenario.odd.lane_width}
+    odd = case.scenario.odd
+    road: dict[str, Any] = {"lanes": odd.n_lanes, "lane_width_m": odd.lane_width}
+    if odd.site is not None:
+        road = {"site": odd.site.name, "routes": [route.name for route in odd.site.routes]}
     about = {"version": _VERSION, "name": case.name, "road": road, "facts": dict(case.facts)}
     columns = _columns_of(case.scenario)
     beside = _facts_file(path)
     if path.suffix == ".csv":
-        about["columns"] = {c.name: {"unit": c.unit, "meaning": c.meaning} for c in COLUMNS}
+        about["columns"] = {c.name: {"unit": c.unit, "meaning": c.meaning} for c in _meant(odd)}
         with writing(beside, "the facts of the table") as part:
             part.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
     with writing(path, "the table") as part:
         if path.suffix == ".parquet":
-            _write_parquet(part, columns, about)
+            _write_parquet(part, columns, about, _meant(odd))
         else:
             rows = "".join([_ROW % row for row in zip(*columns.values(), strict=True)])
             part.write_bytes((",".join(columns) + "\n" + rows).encode())
     return (path.name, beside.name) if path.suffix == ".csv" else (path.name,)
+
+
+def _meant(odd: Odd) -> tuple[Field, ...]:
+    """Say what the columns mean: at a site places lie in its plane, and a lane is a route."""
+    if odd.site is None:
+        return COLUMNS
+    return tuple(replace(one, meaning=_AT_SITE.get(one.name, one.meaning)) for one in COLUMNS)
 
 
 def _facts_file(path: Path) -> Path:
@@ -114,7 +132,7 @@ def _columns_of(scenario: Scenario) -> dict[str, list[Any]]:
     series: tuple[NDArray[Any], ...] = (
         frame, np.round(FRAME_S * frame, 1), scenario.slot[vehicle], scenario.kind[vehicle],
         scenario.length[vehicle], scenario.width[vehicle], scenario.x[frame, vehicle], scenario.y[frame, vehicle],
-        scenario.speed[frame, vehicle], scenario.heading[frame, vehicle], scenario.acceleration[frame, vehicle],
+        scenario.speed[frame, vehicle], within_a_turn(scenario.heading[frame, vehicle]), scenario.acceleration[frame, vehicle],
         scenario.target_lane[frame, vehicle],
     )  # fmt: skip
     columns = {column.name: values.tolist() for column, values in zip(COLUMNS, series, strict=True)}
@@ -122,8 +140,8 @@ def _columns_of(scenario: Scenario) -> dict[str, list[Any]]:
     return columns
 
 
-def _write_parquet(part: Path, columns: dict[str, list[Any]], about: dict[str, Any]) -> None:
-    schema = pa.schema(arrow_fields(COLUMNS), metadata={_KEY: json.dumps(about)})
+def _write_parquet(part: Path, columns: dict[str, list[Any]], about: dict[str, Any], meant: tuple[Field, ...]) -> None:
+    schema = pa.schema(arrow_fields(meant), metadata={_KEY: json.dumps(about)})
     with part.open("wb") as file:  # Arrow takes a path like run-10:30 for an address
         pq.write_table(pa.table(columns, schema=schema), file)
 
@@ -150,6 +168,8 @@ def read_table(path: Path) -> MovingCase:
         table, about = read(path)
     except OSError as error:
         raise InputError(f"Cannot read {path}: {reason(error)}.") from error
+    if isinstance(about.get("road"), dict) and "site" in about["road"]:
+        _fault(path.name, "it is a case at a junction, and only cases on a straight road are read")
     return _case_of(path.name, _checked(path.name, table), about)
 
 

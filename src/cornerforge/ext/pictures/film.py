@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cornerforge._files import writing
 from cornerforge.analysis.avoidability import WayOut
 from cornerforge.ext.pictures.encoders import Format, Picture, check_format, encode
-from cornerforge.ext.pictures.road_view import SCREEN, RoadView, name_of
+from cornerforge.ext.pictures.road_view import SCREEN, RoadView, across, name_of
 from cornerforge.metrics.risk import plane_ttc
 from cornerforge.report.drawing import check_matplotlib
 from cornerforge.report.moments import Moment, Moments
@@ -28,6 +28,8 @@ _PAPER, _INK, _MUTED, _GRID = "#ffffff", "#1b1f24", "#5d6673", "#e2e5e9"
 _WIDTH_IN, _HEIGHT_IN = 12.8, 7.2
 _WIDE_M = 80.0
 """Most of the road that is seen [m]."""
+_SITE_M = 27.0
+"""So much of a site is seen from south to north, at least [m]."""
 _LONGEST_TTC_S = 10.0
 _KMH = 3.6
 
@@ -158,17 +160,20 @@ class _Stage:
 
     def _make_road(self, way_out: WayOut | None) -> None:
         odd = self._moments.scenario.odd
-        across = odd.n_lanes * odd.lane_width + 3.0
         wide, high = _WIDTH_IN, 0.43 * _HEIGHT_IN
-        along = min(_WIDE_M, max(_WIDE_M, across * wide / high))
-        metres = max(along, across * wide / high)
-        extra = 0.5 * (metres * high / wide - across)
+        # A picture of a site shows as much from south to north as fits.
+        across_m = (across(odd, _WIDE_M) if odd.site is None else _SITE_M) + 3.0
+        metres = max(_WIDE_M, across_m * wide / high)
+        room = across(odd, metres) + 3.0
+        extra = 0.5 * (metres * high / wide - room)
         axes = self._figure.add_axes((0.0, 0.40, 1.0, 0.43))
         self._road = RoadView(
             axes, self._moments, (-0.5 * metres, 0.5 * metres), SCREEN, way_out=way_out,
             points_per_metre=72.0 * wide / metres, margin=(1.5 + extra, 1.5 + extra),
         )  # fmt: skip
         y, right = -0.9 - 0.5 * extra, 0.5 * metres - 2.0
+        if odd.site is not None:
+            y = 1.5 - 0.5 * metres * high / wide
         axes.plot([right - 10.0, right], [y, y], color=_MUTED, linewidth=2.5, solid_capstyle="butt")
         axes.text(right - 10.5, y, "10 m", ha="right", va="center", fontsize=9.5, color=_MUTED)
 
@@ -180,7 +185,8 @@ class _Stage:
         ]
         if partner is not None:
             heads += [
-                (f"speed of {name_of(scenario, partner)}", SCREEN.partner), ("gap between bumpers", _INK),
+                (f"speed of {name_of(scenario, partner)}", SCREEN.partner),
+                ("gap between bumpers" if scenario.odd.site is None else "distance of both", _INK),
                 ("time to collision", _INK),
             ]  # fmt: skip
         self._values, self._small = [], []

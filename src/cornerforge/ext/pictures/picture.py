@@ -13,9 +13,10 @@ from cornerforge.analysis.in_words import avoidance_in_words, case_in_words
 from cornerforge.errors import InputError
 from cornerforge.experiment.output import check_new_file, writing
 from cornerforge.ext.pictures.film import check_film, film
+from cornerforge.ext.pictures.road_view import SCREEN, draw_moment
 from cornerforge.geometry import Box
 from cornerforge.report.drawing import BLUE, GREEN, GREY, ORANGE, check_matplotlib, new_figure, png_of, svg_of
-from cornerforge.report.moments import corners_of
+from cornerforge.report.moments import Moments, corners_of
 from cornerforge.report.surface import Mark, strokes, surface_of
 from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S, Scenario
@@ -145,7 +146,10 @@ def avoidance_figure(scenario: Scenario, answer: Avoidability) -> Any:
     begin_s = max(min(answer.manoeuvre_s, _LONGEST_BEFORE_S), answer.latest_s or 0.0, _BEFORE_S)
     first = max(0, last - round(begin_s / FRAME_S))
     above.get_gridspec().set_height_ratios([1.0, 1.5])
-    _draw_road(above, scenario, answer, first, last, partner)
+    if scenario.odd.site is None:
+        _draw_road(above, scenario, answer, first, last, partner)
+    else:
+        _draw_site(above, scenario, answer)
     _draw_speeds(below, scenario, answer, first, last, partner)
     title = f"case {scenario.case_id}: {_in_words(answer)}"
     drawing.suptitle(title, fontsize=9, x=0.01, ha="left")
@@ -163,6 +167,13 @@ def _in_words(answer: Avoidability) -> str:
 
 def _times(first: int, last: int) -> NDArray[np.float64]:
     return np.asarray((np.arange(first, last + 1) - last) * FRAME_S, dtype=np.float64)
+
+
+def _draw_site(panel: Any, scenario: Scenario, answer: Avoidability) -> None:
+    """Draw the map at the moment of the contact, and the AV's way out; both places are those at that moment."""
+    moments = Moments(scenario)
+    span = (-_AHEAD_M, _AHEAD_M)
+    draw_moment(panel, moments, moments.end, span, SCREEN, way_out=answer.witness, points_per_metre=5.0)
 
 
 def _draw_road(

@@ -14,16 +14,23 @@ from numpy.typing import NDArray
 
 from cornerforge.analysis.avoidability import WayOut
 from cornerforge.report.moments import Moment, Moments, overlap_of
+from cornerforge.report.site_surface import BAR, changes_of, site_surface
 from cornerforge.report.surface import MARKS, outline, strokes, surface_of
-from cornerforge.types import FRAME_S, TRUCK, Scenario
+from cornerforge.site.network import Site
+from cornerforge.site.signals import clock_of
+from cornerforge.types import FRAME_S, PERSON, TRUCK, Odd, Scenario
 
-__all__ = ["PRINT", "SCREEN", "Look", "RoadView", "draw_moment", "name_of"]
+__all__ = ["PRINT", "SCREEN", "Look", "RoadView", "across", "draw_moment", "name_of"]
 
-_SHOULDER_M = 0.3
+_SHOULDER_M, _SITE_SHOULDER_M = 0.3, 0.6
 _ARROW_M = 7.0
 _SETTLED_M = 0.25
 _CIRCLE_M = 1.7
 """Radius of the ring round a contact [m]."""
+_WIDE_PERSON = 1.8
+"""People are drawn so many times as large as they are, or they would hardly be seen."""
+_EDGE_M, _STOP_M, _LIGHT_M, _WALK_LIGHT_M = 0.12, 0.4, 0.8, 0.5
+_LIGHTS = {"r": "#ff3b30", "y": "#ffbf00", "g": "#2ecc71", "G": "#2ecc71"}
 
 
 @dataclass(frozen=True)
@@ -32,7 +39,7 @@ class Look:
 
     Attributes:
         road, verge, paint: Colours of the road.
-        av, partner, other: Fills of vehicles.
+        av, partner, other, person: Fills of vehicles, and of people.
         edge: Outline of vehicles.
         glass: Colour of windscreens, which show where the front is.
         way_out, contact, ink, muted: Colours of the marks over them.
@@ -49,6 +56,7 @@ class Look:
     av: str
     partner: str
     other: str
+    person: str
     edge: str
     glass: str
     way_out: str
@@ -64,14 +72,14 @@ class Look:
 
 SCREEN = Look(
     road="#3e454d", verge="#e7ebe6", paint="#f4f4f0", av="#0072b2", partner="#d55e00",
-    other="#9aa3ad", edge="#20252a", glass="#ffffff8c", way_out="#4fe0b5", contact="#cc2936", ink="#f4f4f0",
-    muted="#5d6673", font=10.0, trail_s=2.0, plate="#3e454d", line=0.8, every_speed=True,
+    other="#9aa3ad", person="#e377c2", edge="#20252a", glass="#ffffff8c", way_out="#4fe0b5", contact="#cc2936",
+    ink="#f4f4f0", muted="#5d6673", font=10.0, trail_s=2.0, plate="#3e454d", line=0.8, every_speed=True,
 )  # fmt: skip
 """Look of the report's player in light mode."""
 PRINT = Look(
     road="#ededed", verge="#ffffff", paint="#8a8a8a", av="#0072b2", partner="#e69f00",
-    other="#ffffff", edge="#000000", glass="#c4c4c4", way_out="#009e73", contact="#cc2936", ink="#000000",
-    muted="#555555", font=8.0, trail_s=1.0, plate="#ededed", line=0.6, every_speed=False,
+    other="#ffffff", person="#555555", edge="#000000", glass="#c4c4c4", way_out="#009e73", contact="#cc2936",
+    ink="#000000", muted="#555555", font=8.0, trail_s=1.0, plate="#ededed", line=0.6, every_speed=False,
 )  # fmt: skip
 """Little ink, and told apart without colour: the AV is dark, its partner of middle grey, all others are white."""
 
@@ -80,12 +88,19 @@ def name_of(scenario: Scenario, column: int) -> str:
     """Name of a vehicle on pictures: "AV", "BV 3", "truck 5" or "motorcycle 2"."""
     if column == 0:
         return "AV"
-    kind = ("BV", "truck", "motorcycle")[int(scenario.kind[column])]
+    kind = ("BV", "truck", "motorcycle", "person")[int(scenario.kind[column])]
     return f"{kind} {int(scenario.slot[column])}"
+
+
+def across(odd: Odd, wide: float) -> float:
+    """Say how far a picture must reach across the road, or from south to north at a site [m], if it is so wide [m]."""
+    return odd.n_lanes * odd.lane_width if odd.site is None else 0.6 * wide
 
 
 class RoadView:
     """A stretch of road round the AV on axes; `show` moves it to a moment.
+
+    At a site the picture lies as a map does, about where the two meet; it moves only as far as the AV would leave it.
 
     Args:
         axes: Axes of matplotlib; they are given limits and lose their frame.
@@ -95,7 +110,7 @@ class RoadView:
         way_out: The AV on a way out, drawn as a dashed outline.
         points_per_metre: Scale of the picture, for the widths of lines.
         labelled: Label the vehicles.
-        margin: Room beyond the road's edges, below and above [m].
+        margin: Room beyond the road's edges (at a site beyond `across`), below and above [m].
     """
 
     def __init__(
@@ -116,17 +131,19 @@ class RoadView:
         self._axes, self._moments, self._look, self._span = axes, moments, look, span
         self._way_out, self._scale, self._labelled = way_out, points_per_metre, labelled
         odd = moments.scenario.odd
-        self._surface = surface_of(odd, float(moments.scenario.x[0, 0]))
-        top = odd.n_lanes * odd.lane_width
+        self._surface = None if odd.site else surface_of(odd, float(moments.scenario.x[0, 0]))
+        self._site = None if odd.site is None else _SiteLines(moments.scenario, odd.site, look)
+        top = across(odd, span[1] - span[0])
+        low = -margin[0] - (0.5 * top if odd.site else 0.0)
+        self._high = top + sum(margin)
         axes.set_xlim(*span)
-        axes.set_ylim(-margin[0], top + margin[1])
+        axes.set_ylim(low, low + self._high)
         axes.set_aspect("equal")
         axes.set_axis_off()
         wide = span[1] - span[0]
-        axes.add_patch(
-            Rectangle((span[0], -margin[0]), wide, top + sum(margin), color=look.verge, linewidth=0, zorder=0)
-        )
-        asphalt: Any = PathCollection([], facecolors=look.road, linewidths=0, zorder=0.1)
+        axes.add_patch(Rectangle((span[0], low), wide, self._high, color=look.verge, linewidth=0, zorder=0))
+        shoulders = 0.0 if odd.site is None else 2.0 * _SITE_SHOULDER_M * points_per_metre
+        asphalt: Any = PathCollection([], color=look.road, linewidths=shoulders, zorder=0.1)
         lines: Any = LineCollection([], zorder=0.3, capstyle="butt")
         trails: Any = LineCollection([], zorder=0.4, linewidths=max(1.0, 0.3 * points_per_metre), alpha=0.8)
         bodies: Any = PolyCollection([], zorder=2, linewidths=look.line)
@@ -154,36 +171,61 @@ class RoadView:
     def show(self, moment: Moment) -> None:
         """Show a moment."""
         moments, scenario = self._moments, self._moments.scenario
-        here = float(moment.place[0])
-        near = (
-            moment.there & (moment.place - here > self._span[0] - 12.0) & (moment.place - here < self._span[1] + 12.0)
-        )
+        offset = self._offset(moment)
+        ahead = moment.place - offset[0]
+        near = moment.there & (ahead > self._span[0] - 12.0) & (ahead < self._span[1] + 12.0)
         pair = [0] if moments.partner is None or not near[moments.partner] else [moments.partner, 0]
         others = [int(c) for c in np.flatnonzero(near) if c not in pair]
         columns = [*others, *pair]
-        offset = np.array([here, 0.0])
         boxes = moments.boxes(moment, columns) - offset
+        people = scenario.kind[columns] == PERSON
+        middles = boxes[people].mean(axis=1, keepdims=True)
+        boxes[people] = middles + _WIDE_PERSON * (boxes[people] - middles)
         fills = [self._fill(column) for column in columns]
         self._bodies.set_verts(boxes)
         self._bodies.set_facecolors(fills)
         self._bodies.set_edgecolors(self._look.edge)
-        self._glass.set_verts(_windscreens(boxes, [int(scenario.kind[c]) for c in columns], scenario, columns))
-        self._show_road(here)
-        self._show_trails(moment, here)
-        self._show_arrows(moment, columns, here, fills)
+        cars = [c for c in columns if scenario.kind[c] != PERSON]
+        self._glass.set_verts(_windscreens(boxes[~people], [int(scenario.kind[c]) for c in cars], scenario, cars))
+        self._show_surface(moment, offset)
+        self._show_trails(moment, offset)
+        self._show_arrows(moment, columns, offset[0], fills)
         ghost = None if self._way_out is None else moments.ghost(self._way_out, moment.time)
         self._ghost.set_verts([] if ghost is None else [ghost - offset])
         self._show_contact(moment, offset)
         if self._labelled:
-            self._show_labels(moment, others, pair, here)
+            self._show_labels(moment, others, pair, offset)
 
     def _fill(self, column: int) -> str:
         look = self._look
-        return look.av if column == 0 else look.partner if column == self._moments.partner else look.other
+        if column == 0:
+            return look.av
+        if column == self._moments.partner:
+            return look.partner
+        return look.person if self._moments.scenario.kind[column] == PERSON else look.other
+
+    def _offset(self, moment: Moment) -> NDArray[np.float64]:
+        """Say which place of the road, or site, lies at the origin of the picture, (2,) [m]."""
+        if self._site is None:
+            return np.array([float(moment.place[0]), 0.0])
+        room = 0.4 * np.array([self._span[1] - self._span[0], self._high])
+        av = np.array([moment.place[0], moment.y[0]])
+        return np.asarray(np.clip(self._moments.meeting(), av - room, av + room))
+
+    def _show_surface(self, moment: Moment, offset: NDArray[np.float64]) -> None:
+        if self._site is None:
+            self._show_road(float(offset[0]))
+            return
+        paths, segments, widths, colours = self._site.at(moment.time, offset)
+        self._asphalt.set_paths(paths)
+        self._lines.set_segments(segments)
+        self._lines.set_linewidths([max(0.6, width * self._scale) for width in widths])
+        self._lines.set_colors(colours)
 
     def _show_road(self, here: float) -> None:
         from matplotlib.path import Path
 
+        assert self._surface is not None
         look, low, high = self._look, here + self._span[0], here + self._span[1]
         outlines = [Path(outline(area, low, high, _SHOULDER_M) - [here, 0.0]) for area in self._surface.areas]
         self._asphalt.set_paths([Path.make_compound_path(*outlines)])  # one, so that no seams show
@@ -192,10 +234,10 @@ class RoadView:
         self._lines.set_linewidths([max(0.6, MARKS[mark][0] * self._scale) for _, mark in drawn])
         self._lines.set_colors([look.contact if mark == "barrier" else look.paint for _, mark in drawn])
 
-    def _show_trails(self, moment: Moment, here: float) -> None:
+    def _show_trails(self, moment: Moment, offset: NDArray[np.float64]) -> None:
         partner = self._moments.partner
         columns = [0] if partner is None else [partner, 0]
-        trails = [self._moments.trail(column, moment.time, self._look.trail_s) - [here, 0.0] for column in columns]
+        trails = [self._moments.trail(column, moment.time, self._look.trail_s) - offset for column in columns]
         self._trails.set_segments(trails)
         self._trails.set_colors([self._fill(column) for column in columns])
 
@@ -230,7 +272,7 @@ class RoadView:
         ring = area.mean(axis=0) + _CIRCLE_M * np.column_stack([np.cos(angle), np.sin(angle)]) if len(area) else area
         self._ring.set_data(*ring.T)
 
-    def _show_labels(self, moment: Moment, others: list[int], pair: list[int], here: float) -> None:
+    def _show_labels(self, moment: Moment, others: list[int], pair: list[int], offset: NDArray[np.float64]) -> None:
         scenario, look = self._moments.scenario, self._look
         speed = scenario.speed[int(moment.time / FRAME_S + 1e-6)]  # as recorded, to be readable
         said: dict[int, tuple[str, bool]] = {}
@@ -249,9 +291,8 @@ class RoadView:
             tilt = abs(float(np.sin(moment.heading[column]))) * 0.5 * float(scenario.length[column])
             reach = 0.5 * float(scenario.width[column]) + tilt + 0.25
             text.set_text(what)
-            text.set_position(
-                (float(moment.place[column]) - here, float(moment.y[column]) + (-reach if below else reach))
-            )
+            aside = -reach if below else reach
+            text.set_position((float(moment.place[column] - offset[0]), float(moment.y[column] - offset[1]) + aside))
             text.set_verticalalignment("top" if below else "bottom")
 
     def _new_text(self, column: int, *, bold: bool) -> Any:
@@ -264,6 +305,36 @@ class RoadView:
         text.set_animated(self._lines.get_animated())
         self._texts[column] = text
         return text
+
+
+class _SiteLines:
+    """What is drawn of a site: asphalt, lines and lights."""
+
+    def __init__(self, scenario: Scenario, site: Site, look: Look) -> None:
+        found = site_surface(site)
+        self._start = np.array([scenario.x[0, 0], 0.0])
+        self._lanes, self._lights = found.lanes, found.lights
+        clock = clock_of(scenario)
+        self._changes = changes_of(site, clock, len(scenario.x), FRAME_S)
+        bars = [np.stack([bar[[0, 3]].mean(axis=0), bar[1:3].mean(axis=0)]) for bar in found.bars]
+        self._painted = [
+            (line - self._start, width, look.paint)
+            for lines, width in ((found.edges, _EDGE_M), (bars, BAR), (found.stops, _STOP_M)) for line in lines
+        ]  # fmt: skip
+
+    def at(self, time: float, offset: NDArray[np.float64]) -> tuple[list[Any], list[Any], list[float], list[str]]:
+        """Give paths of asphalt; segments of lines, their widths [m] and colours, from an origin on."""
+        from matplotlib.path import Path
+
+        frame = int(time / FRAME_S + 1e-6)
+        lit = [
+            (light.at - self._start, _WALK_LIGHT_M if light.walks else _LIGHT_M,
+             _LIGHTS[[letter for begin, letter in changes if begin <= frame][-1]])
+            for light, changes in zip(self._lights, self._changes, strict=True)
+        ]  # fmt: skip
+        segments, widths, colours = zip(*self._painted, *lit, strict=True)
+        asphalt = Path.make_compound_path(*(Path(lane - self._start - offset, closed=False) for lane in self._lanes))
+        return [asphalt], [segment - offset for segment in segments], list(widths), list(colours)
 
 
 def _windscreens(

@@ -9,7 +9,7 @@ from typing import Any
 
 from cornerforge.errors import InputError
 from cornerforge.ext.pictures.printing import POINTS, printed
-from cornerforge.ext.pictures.road_view import PRINT, draw_moment
+from cornerforge.ext.pictures.road_view import PRINT, across, draw_moment
 from cornerforge.report.moments import Moments
 from cornerforge.types import FRAME_S, Scenario
 
@@ -21,6 +21,8 @@ _FEWEST, _NEAR_S = 4, 0.25
 _BRAKES_MPS2 = -1.0
 _BEHIND_M, _AHEAD_M, _ROOM_M, _LONGEST_M = -12.0, 16.0, 9.0, 110.0
 _MARGIN_M = 0.6
+_SITE_M = 50.0
+"""Width of a snapshot of a site [m]."""
 _CAPTION_IN, _GAP_IN, _SCALE_IN = 0.17, 0.05, 0.2
 _PANELS_IN = 3.6
 """Width above which snapshots stand in two columns [in]."""
@@ -109,7 +111,7 @@ def strip_figure(scenario: Scenario, times_before: Mapping[float, str] | Sequenc
         odd = scenario.odd
         # A label beside a vehicle in an outer lane ends beyond the road.
         margin = max(_MARGIN_M, 1.4 * POINTS / 72.0 / inches_per_metre - 0.5)
-        road = (odd.n_lanes * odd.lane_width + 2 * margin) * inches_per_metre
+        road = (across(odd, span[1] - span[0]) + 2 * margin) * inches_per_metre
         row = _CAPTION_IN + road + _GAP_IN
         height = rows * row + _SCALE_IN
         drawing = Figure(figsize=(width, height))
@@ -137,6 +139,8 @@ def _caption(place: int, before: float, what: str) -> str:
 def _span(moments: Moments, times_before: Sequence[float]) -> tuple[float, float]:
     """How far all snapshots reach from the AV, behind and ahead [m], so that its partner is in them."""
     low, high = _BEHIND_M, _AHEAD_M
+    if moments.scenario.odd.site is not None:
+        return -0.5 * _SITE_M, 0.5 * _SITE_M
     if moments.partner is not None:
         for before in times_before:
             moment = moments.at(moments.end - before)

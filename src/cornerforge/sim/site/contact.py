@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -59,7 +59,7 @@ def never_jumps(recording: NDArray[np.void], frame: int, i: int) -> bool:
 
 
 @kernel
-def _until_touch(a: NDArray[np.void], b: NDArray[np.void], size_a: NDArray[np.void], size_b: NDArray[np.void]) -> float:
+def _until_touch(a: Any, b: Any, size_a: Any, size_b: Any) -> float:
     """Compute when two boxes touch that go on straight at their speeds [s]; 0: they do; +inf: never.
 
     On each of the four axes of the boxes their shadows overlap for one interval of time; they touch from when the last

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 __all__ = ["reset_at_site"]
 
+_CHANGE_TIME = 4.0
+"""How long lane changes would take, if there were any [s]: a body of a recording has such a time."""
 _LEAST_HEADWAY = 2.0
 """Two vehicles come by one lane at least so long after each other [s]."""
 _TRUCK = (7.5, 2.3)
@@ -155,6 +157,8 @@ def _join(w: World, i: int, route: int, enters: float, car: tuple[float, float])
     me.x_held = 0.0
     me.lateral_speed = 0.0
     me.duration = 0.0
+    me.lanes = 1
+    me.change_time = _CHANGE_TIME
 
 
 @kernel

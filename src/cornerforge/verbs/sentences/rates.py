@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cornerforge.analysis.mechanism import MECHANISMS
+from cornerforge.analysis.site_case import KINDS_AT_SITES
 from cornerforge.rates.plain import ASKED
 from cornerforge.rates.weighted import LEAST_EFFECTIVE, LEAST_TREES
 from cornerforge.results import NaturalRate
@@ -132,7 +133,7 @@ def _kind_lines(found: NaturalRate) -> list[str]:
     lines = ["Crash types: " + ", ".join(f"{name} {n:,}" for name, n in counts.items()), "Mechanisms:"]
     for name, kind in sorted(found.mechanism_rates.items(), key=lambda item: -item[1].crashes_per_test):
         share = 100.0 * kind.crashes_per_test / found.crashes_per_test
-        lines.append(f"{kind.crashes:>8,} {share:5.1f} %  {MECHANISMS[name]} [{name}]")
+        lines.append(f"{kind.crashes:>8,} {share:5.1f} %  {(MECHANISMS | KINDS_AT_SITES)[name]} [{name}]")
     return lines
 
 
