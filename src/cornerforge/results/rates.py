@@ -49,6 +49,25 @@ class Rate(Counted):
         Interval | None, meant("`interval95` per mile at the miles driven; null: it drove none.", "per mile")
     ]
     miles: Annotated[float, meant("Distance that the AV drove in all tests.", "miles")]
+    crashes_per_million_entering: Annotated[
+        float | None,
+        meant(
+            "At a site: crashes of the AV per million times that it enters, which it does once a test; so a test is one "
+            "crossing of the site. Missing: on a road.",
+            "per million",
+        ),
+    ] = None
+    interval95_per_million_entering: Annotated[
+        Interval | None, meant("`interval95` in this unit; missing: likewise.", "per million")
+    ] = None
+    crashes_per_vehicle_km: Annotated[
+        float | None,
+        meant("At a site: crashes per kilometre that the AV drove on its approaches, over it and behind; missing: on a "
+              "road, or it drove none.", "per km"),
+    ] = None
+    interval95_per_vehicle_km: Annotated[
+        Interval | None, meant("`interval95` in this unit; missing: likewise.", "per km")
+    ] = None
 
 
 class Yield(Rate):

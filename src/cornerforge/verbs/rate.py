@@ -178,7 +178,8 @@ def _split(session: PlainTests, split: Splitting, reason: str, target: float, ma
     cpu = plain.cpu_seconds + split.taught.cpu_seconds + split.cost.cpu_seconds
     seconds = plain.seconds + split.seconds
     spent, counting = (session.run.cost(*one)[0] for one in ((cpu, seconds), (plain.cpu_seconds, plain.seconds)))
-    by_trees = rate_of(found.rate, split.interval, found.n, plain.miles, plain.valid_tests)
+    at_site = session.run.odd.site is not None
+    by_trees = rate_of(found.rate, split.interval, found.n, plain.miles, plain.valid_tests, at_site=at_site)
     return NaturalRate(
         **vars(by_trees if picked else session.rate()),
         **session.plain_part(),
