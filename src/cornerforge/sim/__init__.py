@@ -113,14 +113,15 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
-    "ALL_OF_THEM", "AV_MUST_ANSWER", "BV_MUST_ANSWER", "MAX_BRANCH", "MILESTONE", "NEVER", "OVER", "Keep", "Recorder", "Scratch",
-    "Script", "ScriptDriver", "Setting", "Tally", "World", "actions", "advance", "all_current", "allocate_recording",
-    "allocate_scratch", "allocate_worlds", "answer_as_av", "answer_as_bv", "av_decide", "av_features", "av_scene",
-    "av_view", "away_chance", "bicycle", "braking", "branch_of", "bring_up_to_date", "built_in_av_decides", "chances", "choose_action",
-    "controllers", "copy_of", "forget_frames", "harvest", "keep_nothing", "keep_whole_test", "lockstep", "look_around", "look_as_bv",
-    "meeting_with_av", "moment_of", "motion", "n_slots", "naming_tests", "neighbours", "observe", "outcome", "packed", "perceived",
-    "perception", "rails", "recorder", "reset_world", "runner", "scripted", "simulate", "statistics", "steering",
-    "unpacked", "warn_of_left_out", "world_of", "world_row",
+    "ALL_OF_THEM", "AV_MUST_ANSWER", "BV_MUST_ANSWER", "MAX_BRANCH", "MILESTONE", "NEVER", "OVER", "Keep", "Recorder",
+    "Scratch", "Script", "ScriptDriver", "Setting", "Tally", "World", "actions", "advance", "all_current",
+    "allocate_recording", "allocate_scratch", "allocate_worlds", "answer_as_av", "answer_as_bv", "av_decide",
+    "av_features", "av_scene", "av_view", "away_chance", "bicycle", "braking", "branch_of", "bring_up_to_date",
+    "built_in_av_decides", "chances", "choose_action", "controllers", "copy_of", "forget_frames", "harvest",
+    "keep_nothing", "keep_whole_test", "lockstep", "look_around", "look_as_bv", "meeting_with_av", "moment_of",
+    "motion", "n_slots", "naming_tests", "neighbours", "observe", "outcome", "packed", "perceived", "perception",
+    "rails", "recorder", "reset_world", "runner", "scripted", "simulate", "statistics", "steering", "unpacked",
+    "warn_of_left_out", "world_of", "world_row",
 ]  # fmt: skip
 
 FOR_PROGRAMS = (

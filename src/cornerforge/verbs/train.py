@@ -319,7 +319,9 @@ def train(options: Train) -> Trained:
     world = options.world()
     run = experiment(world, bv="uniform", takes_foreign=True, seed=options.seed)
     if run.odd.site is not None and options.reward not in SITE_REWARDS:
-        raise InputError(f"reward = {options.reward!r} is judged on roads only; at a site take {' or '.join(SITE_REWARDS)}.")
+        raise InputError(
+            f"reward = {options.reward!r} is judged on roads only; at a site take {' or '.join(SITE_REWARDS)}."
+        )
     check_new_file(path, overwrite=options.resume)
     checkpoint = checkpoint_beside(path, run, config, options.seed)
     check_new_file(checkpoint.path, overwrite=True)

@@ -77,7 +77,9 @@ def miles_text(found: NaturalRate) -> list[str]:
 
 def _entering_line(rate: float, interval: tuple[float, float], found: NaturalRate) -> str:
     low, high = interval
-    line = f"{rate:.3g} crashes per million vehicles that enter the site ({low:.3g} to {high:.3g}); a test is a crossing"
+    line = (
+        f"{rate:.3g} crashes per million vehicles that enter the site ({low:.3g} to {high:.3g}); a test is a crossing"
+    )
     if found.crashes_per_vehicle_km is None or found.interval95_per_vehicle_km is None:
         return line
     low, high = found.interval95_per_vehicle_km
