@@ -1,8 +1,8 @@
 """Acts of BVs near the AV that would endanger it in the coming second, how likely, and how dangerous each is.
 
 An *act* is a thing that happens or not: a BV begins to change lanes, turns back or goes on in a lane change, or its
-driver looks away; at a site, it goes where it has to choose. Its chance is that with which `decide_bvs` draws it, an exact count of random words (`sim.steering`).
-Acts of one random word form a *group*, of which at most one happens; the other words are the group's rest. Groups are
+driver looks away; at a site, it goes where it has to choose. Its chance is that with which `decide_bvs`, or
+`decide_at_site`, draws it, an exact count of random words (`sim.steering`). Acts of one random word form a *group*, of which at most one happens; the other words are the group's rest. Groups are
 independent of each other.
 
 Nothing here changes how a vehicle drives. `splitting` and `tilt` use it to find out where copies of a world are worth
@@ -50,6 +50,8 @@ MOST_NEAR = 40
 MOST_ACTS = 60
 """Largest number of acts listed in one second; further ones are left to chance."""
 _PER_WORD = 1.0 / steering.ALL_WORDS
+_RARE_WORDS = steering.ALL_WORDS // 20
+"""At a site a likelier act is left to nature: agents choose again each second, and trees would branch without end."""
 _ACTS_OF_ONE = 3
 _PAIRS_RISE = 2.0
 _NEAR_BEHIND = 2.0  # 40 m, as `danger.look_at` writes gaps
@@ -362,6 +364,21 @@ def _close_group(s: Survey, first: int, count: int) -> None:
     s.n_acts[0] += 1
 
 
+@inlined_kernel
+def _list_act(
+    w: World, choice: Choice, total: float, least: float, ahead: Ahead, setting: Setting, network: Network, s: Survey
+) -> float:
+    """List an act that is alone in its group, of the first random words, if it is dangerous enough.
+
+    Returns:
+        Its chance times the danger it adds.
+    """
+    rise = _add_act(w, choice, total, ahead, setting, network, s)
+    if _is_listed(w, least, ahead, setting, network, s):
+        _close_group(s, choice.words, steering.ALL_WORDS - choice.words)
+    return rise
+
+
 @kernel
 def list_acts(
     w: World, total: float, least: float, ahead: Ahead, setting: Setting, network: Network, s: Survey
@@ -383,20 +400,19 @@ def list_acts(
             s.n_left_out[0] += 1
             break
         near = s.near[n]
-        if at_site(setting.road.site) and 0 < near.low < steering.ALL_WORDS:
-            choice = Choice(n, GOES_ON, steering.LANE, 0, near.low, near.lane, near.left)
-            soon += _add_act(w, choice, total, ahead, setting, network, s)
-            if _is_listed(w, least, ahead, setting, network, s):
-                _close_group(s, near.low, steering.ALL_WORDS - near.low)
         time = w.vehicles[near.slot].change_time
         away = steering.words_below(near.away)
-        if 0 < away < steering.ALL_WORDS:
-            choice = Choice(n, LOOKS_AWAY, steering.AWAY, 0, away, near.lane, near.left)
-            soon += _add_act(w, choice, total, ahead, setting, network, s)
-            if _is_listed(w, least, ahead, setting, network, s):
-                _close_group(s, away, steering.ALL_WORDS - away)
         if at_site(setting.road.site):
+            if 0 < near.low < _RARE_WORDS:
+                goes = Choice(n, GOES_ON, steering.LANE, 0, near.low, near.lane, near.left)
+                soon += _list_act(w, goes, total, least, ahead, setting, network, s)
+            if 0 < away < _RARE_WORDS:
+                looks = Choice(n, LOOKS_AWAY, steering.AWAY, 0, away, near.lane, near.left)
+                soon += _list_act(w, looks, total, least, ahead, setting, network, s)
             continue
+        if 0 < away < steering.ALL_WORDS:
+            looks = Choice(n, LOOKS_AWAY, steering.AWAY, 0, away, near.lane, near.left)
+            soon += _list_act(w, looks, total, least, ahead, setting, network, s)
         if near.left == 0.0 and near.high < steering.ALL_WORDS:
             left_listed = False
             if near.low > 0:

@@ -1,7 +1,7 @@
 """Danger and acts at a site: when another and the AV are at their common zone, and what another may do in a second.
 
-`danger`, `acts` and `splitting` call it where a road has its own. An act at a site is that an agent goes where it has to
-choose, or that its driver looks away; both are draws of `choice.draw_action`.
+`danger` and `acts` call it where a road has its own. An act at a site is that an agent goes where it has to choose, or
+that its driver looks away; both are draws of `choice.draw_action`.
 """
 
 from __future__ import annotations
@@ -72,8 +72,7 @@ def see_meeting(
 ) -> None:  # fmt: skip
     """Fill `seen` (29,) with what is seen of the agent in slot i, which has looked around, and the AV.
 
-    Of both: time to their common zone, distance to it, speed, acceleration, and the braking that is needed to stop before
-    it; in one lane the time gap, the gap and the braking that ends the closing. How their times differ; classes; the
+    Of both: time to their common zone, distance to it, speed, acceleration, and the braking needed to stop before it; in one lane the time gap, the gap and the braking that ends the closing. How their times differ; classes; the
     kind of the zone and who yields; what each has decided and overlooks. `away` and `toward`: as of `danger.Intent`;
     the last number says how much it is worth to find out what happens.
     """
@@ -112,4 +111,4 @@ def see_meeting(
     seen[25] = 1.0 if decided else 0.0
     seen[26] = 1.0 if av.cleared > av.s + met.av_room else 0.0
     seen[27] = v[i].away
-    seen[28] = seen[16] * seen[4]
+    seen[28] = 0.4 * seen[16] * seen[4] * min(1.0, 0.1 * (v[0].speed + v[i].speed))
