@@ -63,7 +63,7 @@ EVALUATION_TESTS = 1 << 41
 STAND_IN_ADVICE = (
     "Of a slow AV, train against a stand-in (--av idm-mobil) and generate cases with the AV itself; run --hours does."
 )
-BASELINES = controllers.ROAD_ADVERSARIES
+BASELINES = ("uniform", "lane-changer", "swerve")
 """Plain adversaries of roads; they or those of sites, each unmasked and masked, and traffic without an adversary stand
 beside every yield."""
 

@@ -2,8 +2,8 @@
 
 An *act* is a thing that happens or not: a BV begins to change lanes, turns back or goes on in a lane change, or its
 driver looks away; at a site, it goes where it has to choose. Its chance is that with which `decide_bvs`, or
-`decide_at_site`, draws it, an exact count of random words (`sim.steering`). Acts of one random word form a *group*, of which at most one happens; the other words are the group's rest. Groups are
-independent of each other.
+`decide_at_site`, draws it, an exact count of random words (`sim.steering`). Acts of one random word form a *group*, of
+which at most one happens; the other words are the group's rest. Groups are independent of each other.
 
 Nothing here changes how a vehicle drives. `splitting` and `tilt` use it to find out where copies of a world are worth
 driving.

@@ -72,9 +72,10 @@ def see_meeting(
 ) -> None:  # fmt: skip
     """Fill `seen` (29,) with what is seen of the agent in slot i, which has looked around, and the AV.
 
-    Of both: time to their common zone, distance to it, speed, acceleration, and the braking needed to stop before it; in one lane the time gap, the gap and the braking that ends the closing. How their times differ; classes; the
-    kind of the zone and who yields; what each has decided and overlooks. `away` and `toward`: as of `danger.Intent`;
-    the last number says how much it is worth to find out what happens.
+    Of both: time to their common zone, distance to it, speed, acceleration, and the braking needed to stop before it;
+    in one lane the time gap, the gap and the braking that ends the closing. How their times differ; classes; the kind
+    of the zone and who yields; what each has decided and overlooks. `away` and `toward`: as of `danger.Intent`; the
+    last number says how much it is worth to find out what happens.
     """
     v, av, own = w.vehicles, w.agents[0], w.agents[i]
     met = meeting_with_av(w, i, site)
