@@ -144,6 +144,8 @@ def _why_counting(run: Experiment, counts: MonteCarlo, target: float) -> str | N
     """Say why counting is the faster way; None if trees are, or if it is not known."""
     if run.setting.road.stops:
         return "where lanes end or traffic stops, what is dangerous would have to be learned anew, for hours"
+    if run.odd.site is not None:
+        return "at a site trees are not known to be faster (ADR 86)"
     width = counts.half_width()
     if counts.av_crashes < ENOUGH_TO_FORESEE or width is None:
         return None
