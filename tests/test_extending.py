@@ -98,12 +98,12 @@ _RULES: dict[str, Any] = {"struck": _that_is_struck, """,
 }
 ADVERSARY: Recipe = {
     "sim/controllers.py": [
-        ("SWERVE, TOLD = range(6)", "SWERVE, TOLD, BRAKER = range(7)"),
-        ('"swerve": SWERVE}', '"swerve": SWERVE, "braker": BRAKER}'),
+        ("CUTS_IN, TOLD = range(10)", "CUTS_IN, TOLD, BRAKER = range(11)"),
+        ('"swerve": SWERVE,', '"swerve": SWERVE, "braker": BRAKER,'),
     ],
     "sim/adversaries.py": [
         (
-            '_RULES = {"uniform": _uniform,',
+            '_RULES = {\n    "uniform": _uniform,',
             '''@inlined_kernel
 def _braker(_w: World, _bv: int, _words: Words, s: ChoiceScratch) -> int:
     """The hardest braking that is allowed."""

@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 PLAIN_ADVERSARIES = ("uniform", "lane-changer", "swerve", "dart-out", "red-runner", "turns-across", "cuts-in")
-"""Adversaries that have not learned, on roads or at sites, as help names them; `sim.controllers.ADVERSARIES` says what they do."""
+"""Adversaries that have not learned, on roads or at sites; `sim.controllers.ADVERSARIES` says what they do."""
 REWARD_NAMES = ("crash", "striking", "avoidable", "preventable", "preventable-by-braking", "own-fault", "own-doing")
 """Names of `adversary.worlds.rewards.REWARDS`, which says what they pay for."""
 

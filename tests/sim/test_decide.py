@@ -16,7 +16,7 @@ from cornerforge.drivers.idm import idm_acceleration
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.drivers.sight import BY_CENTRE, DECIDED, HUMAN, VISIBLE, SightNumbers
 from cornerforge.ndd.model import GAPS, RANGE_RATES, NddModel
-from cornerforge.road.straight import lane_centre
+from cornerforge.road.straight import lane_centre, road_numbers
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
 from cornerforge.sim.av import av_decide
 from cornerforge.sim.chances import action_probabilities, allocate_starter_scratch
@@ -93,7 +93,7 @@ def test_translation_changes_nothing(model: NddModel, spots: Spots) -> None:
     np.testing.assert_array_equal(decide(here, setting, 1), decide(there, setting, 1))
     for slot in range(1, len(spots)):
         np.testing.assert_array_equal(probabilities(here, slot, setting), probabilities(there, slot, setting))
-    assert nearest_bv(here) == nearest_bv(there)
+    assert nearest_bv(here, setting.road) == nearest_bv(there, setting.road)
 
 
 @given(SPOTS, st.booleans(), st.integers(0, 3))
@@ -153,7 +153,7 @@ def test_absent_is_as_far_away(model: NddModel, spots: Spots, slot: int) -> None
     for other in others:
         np.testing.assert_array_equal(probabilities(far, other, setting), probabilities(absent, other, setting))
     if others:
-        assert nearest_bv(far) == nearest_bv(absent)
+        assert nearest_bv(far, setting.road) == nearest_bv(absent, setting.road)
 
 
 @given(SPOTS, st.booleans(), st.booleans(), st.integers(0, 3))
@@ -282,9 +282,10 @@ def test_side_by_side_vehicles_are_ordered_by_slot() -> None:
 
 def test_nearest_bv_is_by_distance_and_present() -> None:
     cars = [Car(100.0, 0, 30.0), Car(107.0, 0, 30.0), Car(105.0, 2, 30.0), Car(100.0, 1, 30.0, present=False)]
-    assert nearest_bv(world_of(cars)) == 1
-    assert nearest_bv(world_of([cars[0], cars[2], cars[1]])) == 2
-    assert nearest_bv(world_of([cars[0], cars[3]])) == -1
+    road = road_numbers(ROAD)
+    assert nearest_bv(world_of(cars), road) == 1
+    assert nearest_bv(world_of([cars[0], cars[2], cars[1]]), road) == 2
+    assert nearest_bv(world_of([cars[0], cars[3]]), road) == -1
 
 
 def test_sorting_by_x() -> None:

@@ -25,14 +25,20 @@ CHUNK = 512
 """Tests in a range that one thread drives, unless the AV is slow."""
 
 
-def rate_summary(crashes: int, tests: int, miles: float) -> Rate:
-    """Make a crash rate per test and per mile, with n and exact 95 % intervals."""
-    return rate_of(crashes / tests, binomial_interval(crashes, tests), tests, miles, tests)
+def rate_summary(crashes: int, tests: int, miles: float, *, at_site: bool = False) -> Rate:
+    """Make a crash rate per test and per mile, with n and exact 95 % intervals; `at_site`: in a site's units too."""
+    return rate_of(crashes / tests, binomial_interval(crashes, tests), tests, miles, tests, at_site=at_site)
 
 
-def rate_of(per_test: float, interval95: Interval, tests: int, miles: float, driven: int) -> Rate:
-    """Make a crash rate per test, with its interval and n, one per mile too: `driven` tests had so many miles."""
+def rate_of(
+    per_test: float, interval95: Interval, tests: int, miles: float, driven: int, *, at_site: bool = False
+) -> Rate:
+    """Make a crash rate per test, with its interval and n, one per mile too: `driven` tests had so many miles.
+
+    `at_site`: per million entering vehicles and per vehicle-kilometre too.
+    """
     low, high = interval95
+    per_km = driven / (miles * METRES_PER_MILE / 1000.0) if at_site and miles > 0.0 else None
     per_mile = driven / miles if miles > 0.0 else None
     return Rate(
         tests=tests,
@@ -41,6 +47,10 @@ def rate_of(per_test: float, interval95: Interval, tests: int, miles: float, dri
         crashes_per_mile=None if per_mile is None else per_test * per_mile,
         interval95_per_mile=None if per_mile is None else (low * per_mile, high * per_mile),
         miles=miles,
+        crashes_per_million_entering=1e6 * per_test if at_site else None,
+        interval95_per_million_entering=(1e6 * low, 1e6 * high) if at_site else None,
+        crashes_per_vehicle_km=None if per_km is None else per_test * per_km,
+        interval95_per_vehicle_km=None if per_km is None else (low * per_km, high * per_km),
     )
 
 

@@ -98,6 +98,8 @@ def _warn_of_another_world(policy: Policy, name: str, road: Odd, ndd: NddModel) 
     """
     odd = policy.about.get("odd")
     theirs = dict(odd) if isinstance(odd, dict) else {}
+    if not _is_of_this_family(policy, road):
+        return  # it is refused
     ours = {"name": road.name, "n_lanes": road.n_lanes, "model": model_hash(ndd), "road": _name_of(road.road)}
     ours["traffic"] = road.traffic
     ours["perception"] = "perfect" if road.perception is None else road.perception.in_words()
@@ -116,6 +118,12 @@ def _warn_of_another_world(policy: Policy, name: str, road: Odd, ndd: NddModel) 
             "here: cornerforge train.",
             stacklevel=3,
         )
+
+
+def _is_of_this_family(policy: Policy, road: Odd) -> bool:
+    """Did a policy learn at a site if the tests are at one, and on a road if not, as far as its file says?"""
+    odd = policy.about.get("odd")
+    return not isinstance(odd, dict) or not odd or (odd.get("site") is None) == (road.site is None)
 
 
 def _name_of(road: Any) -> str:
@@ -180,10 +188,11 @@ def _check_at_site(av: AvModel, spec: AvSpec, driver: str, policies: Sequence[Po
     """
     here = controllers.ROAD_ADVERSARIES if road.site is None else controllers.SITE_ADVERSARIES
     for policy in policies:
-        learned = policy.about.get("odd")
-        if isinstance(learned, dict) and (learned.get("site") is None) != (road.site is None):
+        if not _is_of_this_family(policy, road):
             learned_at, here_is = ("on a road", "at a site") if road.site is not None else ("at a site", "on a road")
-            raise InputError(f"A policy that learned {learned_at} sees other things {here_is}; train one for this world.")
+            raise InputError(
+                f"A policy that learned {learned_at} sees other things {here_is}; train one for this world."
+            )
     if road.site is None:
         if av.kind == "junction" and not spec.is_outside:
             raise InputError(f"The AV {av.name} drives at sites only; give site, such as mcity-signal.")

@@ -17,6 +17,7 @@ from cornerforge.sim import (
     advance,
     allocate_scratch,
     allocate_worlds,
+    away_chance,
     braking,
     built_in_av_decides,
     chances,
@@ -28,6 +29,7 @@ from cornerforge.sim import (
     warn_of_left_out,
     world_of,
 )
+from cornerforge.site.tables import without_errors
 from cornerforge.types import ACTION_RIGHT
 
 __all__ = ["LOOK_BACK_S", "RARE_ACTION", "ActionChances", "Oversight", "action_chances", "oversight"]
@@ -91,6 +93,8 @@ def action_chances(
 ) -> ActionChances:
     """Drive one natural test again and look up the chance of every action of the BV in `slot`.
 
+    At a site the attentive model is that of the laws without errors.
+
     A BV that wanted to change lanes but gave way to another one's simultaneous change shows the acceleration it took;
     the chances of both include that, given what the AV chose at that moment.
 
@@ -113,20 +117,29 @@ def action_chances(
     scratch, keep = allocate_scratch(slots, setting.who.policy), keep_nothing(slots)
     p, starters = scratch.choice.p, scratch.choice.starters
     actions, rows, looks, away = [], [], [], []
+    site = setting.road.site
+    careful = without_errors(site)
     for second in range(setting.road.max_decisions):
         if world.state["outcome"][0] != outcome.RUNNING:
             break
         present = bool(world.vehicles["present"][slot])
         found = np.full((2, p.size), np.nan)
-        if step is not None:
+        if site.size:
+            lane = 0
+        elif step is not None:
             lane = step.av_lane(world, setting)
         else:
             perception.show_as_seen(world, 0, setting.road, scratch.av)
             _, lane = built_in_av_decides(world, 0, setting.road, setting.av, scratch.av)
             perception.show_as_is(world, setting.road, scratch.av)
-        looks.append(1.0 - braking.looks_away_chance(world.vehicles, slot, setting.road, setting.tables.memory))
+        looks.append(
+            1.0 - away_chance(world, slot, site)
+            if site.size
+            else 1.0 - braking.looks_away_chance(world.vehicles, slot, setting.road, setting.tables.memory)
+        )
         for row, attentive in enumerate((True, False) if present else ()):
-            chances.action_probabilities(world, slot, attentive, lane, setting.road, setting.tables, starters, p)
+            road = setting.road._replace(site=careful) if attentive and site.size else setting.road
+            chances.action_probabilities(world, slot, attentive, lane, road, setting.tables, starters, p)
             found[row] = p
         if step is not None:
             step(world, setting)
@@ -147,7 +160,8 @@ def oversight(found: ActionChances, crash_time: float, overlook: float, overlook
     A lane change of attentive chance a and actual chance b > 0 was an attentive choice with probability
     l (1 - overlook)^2 (1 - overlook_conflict) a / b or more, l the chance that its driver looked at the road (exactly
     that with two neighbours in the target lane, and where another vehicle starts into it at the same moment): below one
-    half it counts as overlooked.
+    half it counts as overlooked. At a site the same holds for giving way and going, with `overlook` 0: an error is in
+    the actual chance alone.
 
     Args:
         found: Chances of the crash partner.

@@ -73,7 +73,8 @@ class NaturalCrashes:
         chances = action_chances(
             setting, self._run.slots, seed=self._seed, test=test, slot=scenario.crash.slot_b, step=self._run.stepper()
         )
-        eyes = oversight(chances, scenario.crash.time, setting.tables.overlook, setting.tables.overlook_conflict)
+        overlook = (0.0, 0.0) if setting.road.site.size else (setting.tables.overlook, setting.tables.overlook_conflict)
+        eyes = oversight(chances, scenario.crash.time, *overlook)
         return scenario, CrashStudy(
             crash_type=crash_type_of(scenario)[0],
             mechanism=mechanism.name,

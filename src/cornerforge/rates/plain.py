@@ -238,7 +238,8 @@ class PlainTests:
 
     def rate(self) -> Rate:
         """Make the rate of plain tests."""
-        return rate_summary(self.counts.av_crashes, self.counts.valid_tests, self.counts.miles)
+        counts, at_site = self.counts, self.run.odd.site is not None
+        return rate_summary(counts.av_crashes, counts.valid_tests, counts.miles, at_site=at_site)
 
     def _counted(self, tables: dict[str, Any], state: str) -> NaturalRate:
         """Make the result of counting, of what `crash_tables` gives."""

@@ -141,7 +141,7 @@ def teach(
     tell: Callable[[str, DrivenTrees], None] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Taught:
-    """Adjust the network to an AV and its world, in about 100 s of CPU time.
+    """Adjust the network to an AV and its world, in about 100 s of CPU time; at a site it begins with none.
 
     Args:
         setting, slots: The run, natural.
@@ -153,7 +153,7 @@ def teach(
     """
     tables: list[TrainingTable] = []
     begun, cpu = 0, 0.0
-    learner = DangerLearner(seed, shipped_network())
+    learner = DangerLearner(seed, None if setting.road.site.size else shipped_network())
     plan, name = blind_plan(), "explore"
     for tests in (_EXPLORING, *_ROUNDS):
         driven = drive_trees(

@@ -49,6 +49,28 @@ class Rate(Counted):
         Interval | None, meant("`interval95` per mile at the miles driven; null: it drove none.", "per mile")
     ]
     miles: Annotated[float, meant("Distance that the AV drove in all tests.", "miles")]
+    crashes_per_million_entering: Annotated[
+        float | None,
+        meant(
+            "At a site: crashes of the AV per million times that it enters, which it does once a test; so a test is "
+            "one crossing of the site. Missing: on a road.",
+            "per million",
+        ),
+    ] = None
+    interval95_per_million_entering: Annotated[
+        Interval | None, meant("`interval95` in this unit; missing: likewise.", "per million")
+    ] = None
+    crashes_per_vehicle_km: Annotated[
+        float | None,
+        meant(
+            "At a site: crashes per kilometre that the AV drove on its approaches, over it and behind; missing: on a "
+            "road, or it drove none.",
+            "per km",
+        ),
+    ] = None
+    interval95_per_vehicle_km: Annotated[
+        Interval | None, meant("`interval95` in this unit; missing: likewise.", "per km")
+    ] = None
 
 
 class Yield(Rate):
@@ -57,13 +79,14 @@ class Yield(Rate):
     avoidable_per_test: Annotated[
         Share | None,
         meant(
-            "Share of the tests with a crash that braking in time would have avoided, 0 to 1; null: at a site, where it "
-            "is not judged.",
+            "Share of the tests with a crash that braking in time would have avoided, 0 to 1; null: at a site, where "
+            "it is not judged.",
             "per test",
         ),
     ]
     avoidable_interval95: Annotated[
-        Interval | None, meant("Exact interval of `avoidable_per_test`; low is 0 with none; null: likewise.", "per test")
+        Interval | None,
+        meant("Exact interval of `avoidable_per_test`; low is 0 with none; null: likewise.", "per test"),
     ]
     striking_share: Annotated[
         Share | None, meant("Share of the crashes in which the AV struck, 0 to 1; null: no crash.")

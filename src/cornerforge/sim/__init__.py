@@ -94,10 +94,14 @@ if TYPE_CHECKING:
     from cornerforge.sim.scratch import Scratch, allocate_scratch, warn_of_left_out
     from cornerforge.sim.scripted import Script, ScriptDriver
     from cornerforge.sim.setting import Setting
+    from cornerforge.sim.site.choice import away_chance
+    from cornerforge.sim.site.second import look_around
+    from cornerforge.sim.site.views import meeting_with_av
     from cornerforge.sim.snapshot import branch_of, copy_of, packed, unpacked
     from cornerforge.sim.step import allocate_recording, bring_up_to_date, forget_frames
     from cornerforge.sim.traffic import naming_tests, reset_world
     from cornerforge.sim.world import (
+        ALL_OF_THEM,
         MAX_BRANCH,
         World,
         all_current,
@@ -109,14 +113,15 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
-    "AV_MUST_ANSWER", "BV_MUST_ANSWER", "MAX_BRANCH", "MILESTONE", "NEVER", "OVER", "Keep", "Recorder", "Scratch",
-    "Script", "ScriptDriver", "Setting", "Tally", "World", "actions", "advance", "all_current", "allocate_recording",
-    "allocate_scratch", "allocate_worlds", "answer_as_av", "answer_as_bv", "av_decide", "av_features", "av_scene",
-    "av_view", "bicycle", "braking", "branch_of", "bring_up_to_date", "built_in_av_decides", "chances", "choose_action",
-    "controllers", "copy_of", "forget_frames", "harvest", "keep_nothing", "keep_whole_test", "lockstep", "look_as_bv",
-    "moment_of", "motion", "n_slots", "naming_tests", "neighbours", "observe", "outcome", "packed", "perceived",
-    "perception", "rails", "recorder", "reset_world", "runner", "scripted", "simulate", "statistics", "steering",
-    "unpacked", "warn_of_left_out", "world_of", "world_row",
+    "ALL_OF_THEM", "AV_MUST_ANSWER", "BV_MUST_ANSWER", "MAX_BRANCH", "MILESTONE", "NEVER", "OVER", "Keep", "Recorder",
+    "Scratch", "Script", "ScriptDriver", "Setting", "Tally", "World", "actions", "advance", "all_current",
+    "allocate_recording", "allocate_scratch", "allocate_worlds", "answer_as_av", "answer_as_bv", "av_decide",
+    "av_features", "av_scene", "av_view", "away_chance", "bicycle", "braking", "branch_of", "bring_up_to_date",
+    "built_in_av_decides", "chances", "choose_action", "controllers", "copy_of", "forget_frames", "harvest",
+    "keep_nothing", "keep_whole_test", "lockstep", "look_around", "look_as_bv", "meeting_with_av", "moment_of",
+    "motion", "n_slots", "naming_tests", "neighbours", "observe", "outcome", "packed", "perceived", "perception",
+    "rails", "recorder", "reset_world", "runner", "scripted", "simulate", "statistics", "steering", "unpacked",
+    "warn_of_left_out", "world_of", "world_row",
 ]  # fmt: skip
 
 FOR_PROGRAMS = (
@@ -129,8 +134,12 @@ FOR_PROGRAMS = (
 
 _PLACES: dict[str, tuple[str, ...]] = {
     "world": (
-        "MAX_BRANCH", "World", "all_current", "allocate_worlds", "moment_of", "n_slots", "world_of", "world_row",
+        "ALL_OF_THEM", "MAX_BRANCH", "World", "all_current", "allocate_worlds", "moment_of", "n_slots", "world_of",
+        "world_row",
     ),
+    "site.choice": ("away_chance",),
+    "site.second": ("look_around",),
+    "site.views": ("meeting_with_av",),
     "traffic": ("naming_tests", "reset_world"),
     "snapshot": ("branch_of", "copy_of", "packed", "unpacked"),
     "setting": ("Setting",),

@@ -125,7 +125,7 @@ def _swerve(w: World, bv: int, _words: Words, s: ChoiceScratch) -> int:
 
 @kernel
 def _lawful(w: World, bv: int, s: ChoiceScratch) -> int:
-    """What an agent at a site most likely does, as far as it is allowed."""
+    """Do what an agent at a site most likely does, as far as it is allowed."""
     own = w.agents[bv]
     if own.chooses == 0:
         return _nearest_allowed(own.free, s.allowed)
@@ -152,9 +152,9 @@ def _meets_now(s: ChoiceScratch) -> bool:
 
 @kernel
 def _dart_out(w: World, bv: int, _words: Words, s: ChoiceScratch) -> int:
-    """Of a person: leave the kerb when the AV can hardly stop, at the least speed that brings it there before the AV.
+    """Leave the kerb when the AV can hardly stop, at the least speed that brings a person there before the AV.
 
-    Of a vehicle: what its law says.
+    A vehicle does what its law says.
     """
     seen = s.observation
     room, speed = seen[AV_ROOM] / PER_METRE, seen[AV_SPEED] / PER_MPS
@@ -174,7 +174,7 @@ def _dart_out(w: World, bv: int, _words: Words, s: ChoiceScratch) -> int:
 
 @kernel
 def _red_runner(w: World, bv: int, _words: Words, s: ChoiceScratch) -> int:
-    """Of a vehicle before a red or yellow light: go over it so that it meets the AV. Else: what its law says."""
+    """Go over a red or yellow light so that the vehicle meets the AV; else do what its law says."""
     seen = s.observation
     time, way = seen[AV_TIME] / PER_SECOND, seen[ROOM] / PER_METRE
     crosses = seen[AHEAD] == 0.0 and seen[MERGES] == 0.0 and 0.0 < time < 2.0 * _SOON and way > 0.0
@@ -186,7 +186,7 @@ def _red_runner(w: World, bv: int, _words: Words, s: ChoiceScratch) -> int:
 
 @kernel
 def _goes_before(w: World, bv: int, merges: bool, s: ChoiceScratch) -> int:
-    """Of a vehicle that must yield to the AV and crosses its way, or merges: go before it. Else: what its law says."""
+    """Go before the AV where a vehicle must yield to it and crosses its way, or merges; else do what its law says."""
     seen = s.observation
     owes = w.vehicles[bv].kind != PERSON and seen[YIELDS] < 0.0 and (seen[MERGES] > 0.0) == merges
     return _goes_on(w, bv, _PUSHES, s) if owes and _meets_now(s) else _lawful(w, bv, s)

@@ -28,9 +28,9 @@ __all__ = [
     "POLICY",
     "RAILS",
     "RECORDED",
+    "ROAD_ADVERSARIES",
     "SCRIPTED",
     "SITE_ADVERSARIES",
-    "ROAD_ADVERSARIES",
     "STEERED",
     "TOLD",
     "Cast",
@@ -64,9 +64,11 @@ then changes into its lane. At sites, where each but uniform does as its law say
 person leaves the kerb when the AV can hardly stop. red-runner: a vehicle goes at red. turns-across: a left turn that
 must yield goes before the AV. cuts-in: so does a vehicle that merges. TOLD, which has no name here: somebody outside
 the kernels."""
-ROAD_ADVERSARIES = ("uniform", "lane-changer", "swerve")
 SITE_ADVERSARIES = ("uniform", "dart-out", "red-runner", "turns-across", "cuts-in")
-"""Plain adversaries that drive on roads; those that drive and walk at sites."""
+ROAD_ADVERSARIES = tuple(
+    name for name in ADVERSARIES if name not in ("nobody", "policy") and name not in SITE_ADVERSARIES[1:]
+)
+"""Plain adversaries that drive and walk at sites; those that drive on roads."""
 NATURALISTIC, IDM_BVS, SCRIPTED, RAILS = range(4)
 """Controllers of the other BVs: the naturalistic model, the IDM without lane changes, a script of actions for every BV,
 or rails that say where every BV is (`sim.rails`)."""

@@ -19,12 +19,15 @@ if TYPE_CHECKING:
     from numpy import uint64
     from numpy.typing import NDArray
 
-__all__ = ["ALL_WORDS", "AWAY", "LANE", "Steering", "allocate_steering", "hold_to", "let_go", "steer", "words_below"]
+__all__ = [
+    "ALL_WORDS", "AWAY", "LANE", "Steering", "allocate_steering", "hold_to", "let_go", "steer", "steer_at_site",
+    "words_below",
+]  # fmt: skip
 
 ALL_WORDS = 2**32
 """Number of random words."""
 LANE, AWAY = range(2)
-"""Steered draws: the word about lanes; the draw about looking away."""
+"""Steered draws: the word about lanes, at a site about going or giving way; the draw about looking away."""
 _LOW_HALF, _HIGH_HALF, _HALF, _WHOLE = np.uint64(0xFFFF), np.uint64(0xFFFF0000), np.uint64(16), np.uint64(32)
 
 
@@ -88,3 +91,11 @@ def steer(words: NDArray[np.uint64], steering: Steering, slots: int) -> None:
         away = _within(away, steering.first[AWAY, i], steering.words[AWAY, i])
         words[2, i] = (words[2, i] & _HIGH_HALF) | (away & _LOW_HALF)
         words[3, i] = (words[3, i] & _HIGH_HALF) | (away >> _HALF)
+
+
+@inlined_kernel
+def steer_at_site(words: NDArray[np.uint64], steering: Steering, slots: int) -> None:
+    """Replace words (4, N) as `steer` does, where the second is about the choice and the third about looking away."""
+    for i in range(1, slots):
+        words[1, i] = _within(words[1, i], steering.first[LANE, i], steering.words[LANE, i])
+        words[2, i] = _within(words[2, i], steering.first[AWAY, i], steering.words[AWAY, i])

@@ -23,7 +23,7 @@ __all__ = [
     "CHANGE_TIME", "CROSS", "DIVERGE", "GREEN", "MAX_PHASES", "MAX_PLACES", "MAX_ROUTES", "MEETINGS", "MERGE",
     "NOISE_CELLS", "NO_SITE", "NO_ZONE", "RED", "SHARED", "SITE", "SLOW_WALK", "WALK", "WARM_UP", "WEAVE", "YELLOW",
     "approaches", "at_site", "letter_at", "longer", "mapped", "nearest_place", "place_of", "pose_at", "site_numbers",
-    "slots_at", "speed_at", "walk_letter", "when_green",
+    "slots_at", "speed_at", "walk_letter", "when_green", "without_errors",
 ]  # fmt: skip
 
 MAX_ROUTES, MAX_PLACES, MAX_PHASES = 64, 512, 32
@@ -291,6 +291,14 @@ def _clear_line(one: NDArray[np.void], own: int) -> None:
     for zone in one["zone"][own].reshape(-1):
         if zone["kind"] in (CROSS, MERGE, WEAVE) and row["stop"] - _BODY < zone["begin"]:
             row["stop"] = min(row["stop"], zone["begin"] + 0.5 * _BODY - _FREE)
+
+
+def without_errors(site: NDArray[np.void]) -> NDArray[np.void]:
+    """Copy a site's record, (1,) of `SITE` or (0,), with all chances of human errors 0."""
+    copied = site.copy()
+    for name in ("runs_red", "overlooks_vehicle", "overlooks_person", "looks_away", "walks_blindly"):
+        copied[name] = 0.0
+    return copied
 
 
 @inlined_kernel

@@ -144,6 +144,8 @@ def _why_counting(run: Experiment, counts: MonteCarlo, target: float) -> str | N
     """Say why counting is the faster way; None if trees are, or if it is not known."""
     if run.setting.road.stops:
         return "where lanes end or traffic stops, what is dangerous would have to be learned anew, for hours"
+    if run.odd.site is not None:
+        return "at a site trees are not known to be faster (ADR 86)"
     width = counts.half_width()
     if counts.av_crashes < ENOUGH_TO_FORESEE or width is None:
         return None
@@ -178,7 +180,8 @@ def _split(session: PlainTests, split: Splitting, reason: str, target: float, ma
     cpu = plain.cpu_seconds + split.taught.cpu_seconds + split.cost.cpu_seconds
     seconds = plain.seconds + split.seconds
     spent, counting = (session.run.cost(*one)[0] for one in ((cpu, seconds), (plain.cpu_seconds, plain.seconds)))
-    by_trees = rate_of(found.rate, split.interval, found.n, plain.miles, plain.valid_tests)
+    at_site = session.run.odd.site is not None
+    by_trees = rate_of(found.rate, split.interval, found.n, plain.miles, plain.valid_tests, at_site=at_site)
     return NaturalRate(
         **vars(by_trees if picked else session.rate()),
         **session.plain_part(),

@@ -63,7 +63,7 @@ EVALUATION_TESTS = 1 << 41
 STAND_IN_ADVICE = (
     "Of a slow AV, train against a stand-in (--av idm-mobil) and generate cases with the AV itself; run --hours does."
 )
-BASELINES = controllers.ROAD_ADVERSARIES
+BASELINES = ("uniform", "lane-changer", "swerve")
 """Plain adversaries of roads; they or those of sites, each unmasked and masked, and traffic without an adversary stand
 beside every yield."""
 
@@ -319,7 +319,9 @@ def train(options: Train) -> Trained:
     world = options.world()
     run = experiment(world, bv="uniform", takes_foreign=True, seed=options.seed)
     if run.odd.site is not None and options.reward not in SITE_REWARDS:
-        raise InputError(f"reward = {options.reward!r} is judged on roads only; at a site take {' or '.join(SITE_REWARDS)}.")
+        raise InputError(
+            f"reward = {options.reward!r} is judged on roads only; at a site take {' or '.join(SITE_REWARDS)}."
+        )
     check_new_file(path, overwrite=options.resume)
     checkpoint = checkpoint_beside(path, run, config, options.seed)
     check_new_file(checkpoint.path, overwrite=True)

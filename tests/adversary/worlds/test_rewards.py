@@ -64,13 +64,13 @@ def boxes(pose: np.ndarray) -> np.ndarray:
 
 
 def strikes(*poses: tuple[float, float, float, float]) -> bool:
-    return av_strikes(boxes(np.array(poses)), 0, 1)
+    return av_strikes(boxes(np.array(poses)), 0, 1, along_road=True)
 
 
 def test_the_av_strikes_where_the_analysis_sees_its_front(seed: int) -> None:
     pose = random_contacts(seed, 3000)
     expected = find_contact(pose, 5.0, 2.0).av_sector == FRONT
-    found = [av_strikes(boxes(pair), 0, 1) for pair in pose]
+    found = [av_strikes(boxes(pair), 0, 1, along_road=True) for pair in pose]
     assert np.array_equal(found, expected)
     assert 300 < expected.sum() < len(pose) - 300
 

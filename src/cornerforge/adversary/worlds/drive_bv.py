@@ -18,7 +18,6 @@ from cornerforge.adversary.worlds.judge import judge_crash
 from cornerforge.adversary.worlds.rewards import AVOIDABLE, av_strikes, is_paid
 from cornerforge.errors import InputError
 from cornerforge.road.straight import ahead_by
-from cornerforge.site.tables import at_site
 from cornerforge.sim import (
     AV_MUST_ANSWER,
     BV_MUST_ANSWER,
@@ -42,6 +41,7 @@ from cornerforge.sim import (
     world_of,
     world_row,
 )
+from cornerforge.site.tables import at_site
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, N_ACTIONS, PERSON, SUBSTEPS
 
 if TYPE_CHECKING:
@@ -362,9 +362,9 @@ def _ram(w: World, bv: int, allowed: NDArray[np.bool_]) -> int:
 def _guided(w: World, bv: int, exploring: Exploring, allowed: NDArray[np.bool_]) -> tuple[int, int]:
     """Choose how a guided world acts: by the policy or, with at least the chance `guided_epsilon`, towards a crash.
 
-    In three tests of five that is the action of `swerve`, in the other two ramming the AV from behind; at a site that of
-    one of its plain adversaries. One time in four
-    it is any allowed action instead, because a rule alone always does the same.
+    In three tests of five that is the action of `swerve`, in the other two ramming the AV from behind; at a site
+    that of one of its plain adversaries. One time in four it is any allowed action instead, because a rule alone always
+    does the same.
 
     Returns:
         The adversary that chooses, a code of ADVERSARIES; the action, -1 where the adversary has to choose it.

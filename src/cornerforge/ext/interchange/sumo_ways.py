@@ -24,10 +24,13 @@ def junction_of(net: Net, way: Connection) -> str:
 
 
 def chains_of(net: Net, junctions: Sequence[str]) -> Iterator[Chain]:
-    """Find all ways over junctions, from a lane that leads to them to one that leads away; none passes one twice."""
+    """Find all ways over junctions, from a lane that leads to them to one that leads away, all for cars; none passes one twice."""
     ends = {name: (edge.string("from"), edge.string("to")) for name, edge in net.edges.items()}
     inner = {name for name, (begin, end) in ends.items() if begin != end and begin in junctions and end in junctions}
     first = [way for one in junctions for way in net.connections.get(one, []) if way.edges[0] not in inner]
+
+    def _of_cars(way: Connection) -> bool:
+        return net.lanes[way.begin].cars and net.lanes[way.end].cars
 
     def onward(chain: Chain) -> Iterator[Chain]:
         last = chain[-1].end
@@ -38,7 +41,7 @@ def chains_of(net: Net, junctions: Sequence[str]) -> Iterator[Chain]:
                 if way.begin == last:
                     yield from onward((*chain, way))
 
-    return (chain for way in first for chain in onward((way,)))
+    return (chain for way in first for chain in onward((way,)) if all(map(_of_cars, chain)))
 
 
 class RightOfWay:

@@ -1,9 +1,9 @@
 """Acts of BVs near the AV that would endanger it in the coming second, how likely, and how dangerous each is.
 
 An *act* is a thing that happens or not: a BV begins to change lanes, turns back or goes on in a lane change, or its
-driver looks away. Its chance is that with which `decide_bvs` draws it, an exact count of random words (`sim.steering`).
-Acts of one random word form a *group*, of which at most one happens; the other words are the group's rest. Groups are
-independent of each other.
+driver looks away; at a site, it goes where it has to choose. Its chance is that with which `decide_bvs`, or
+`decide_at_site`, draws it, an exact count of random words (`sim.steering`). Acts of one random word form a *group*, of
+which at most one happens; the other words are the group's rest. Groups are independent of each other.
 
 Nothing here changes how a vehicle drives. `splitting` and `tilt` use it to find out where copies of a world are worth
 driving.
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.rates.branching.at_site import note_agent
 from cornerforge.rates.branching.danger import (
     N_SEEN,
     REACH,
@@ -29,6 +30,7 @@ from cornerforge.rates.branching.danger import (
 )
 from cornerforge.road.straight import ahead_by, lane_of
 from cornerforge.sim import braking, chances, neighbours, steering
+from cornerforge.site.tables import at_site
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -48,6 +50,8 @@ MOST_NEAR = 40
 MOST_ACTS = 60
 """Largest number of acts listed in one second; further ones are left to chance."""
 _PER_WORD = 1.0 / steering.ALL_WORDS
+_RARE_WORDS = steering.ALL_WORDS // 20
+"""At a site a likelier act is left to nature: agents choose again each second, and trees would branch without end."""
 _ACTS_OF_ONE = 3
 _PAIRS_RISE = 2.0
 _NEAR_BEHIND = 2.0  # 40 m, as `danger.look_at` writes gaps
@@ -182,12 +186,33 @@ def _note_words(w: World, i: int, setting: Setting, near: Any) -> None:
 
 
 @kernel
+def _look_at_site(w: World, setting: Setting, network: Network, s: Survey) -> float:
+    """Note all agents that meet the AV soon and how dangerous each is; return their dangers together."""
+    total, n = 0.0, 0
+    s.follower[0] = -1
+    nothing = Ahead(0.0, 10.0)
+    for k in range(w.state[0].n_current):
+        i = w.current[k]
+        if i == 0 or n == MOST_NEAR or not note_agent(w, i, setting.road.site, s.near[n]):
+            continue
+        near = s.near[n]
+        look_at(w, i, intent_now(near), near.away, nothing, setting.road, s.seen[n])
+        near.danger = danger(network, s.seen[n], s.layers)
+        total += near.danger
+        n += 1
+    s.n_near[0] = n
+    return total
+
+
+@kernel
 def look_around(w: World, setting: Setting, network: Network, s: Survey) -> tuple[float, Ahead]:
     """Note all BVs near the AV and how dangerous each is.
 
     Returns:
         Their dangers together; what is ahead of the AV.
     """
+    if at_site(setting.road.site):
+        return _look_at_site(w, setting, network, s), Ahead(0.0, 10.0)
     v = w.vehicles
     neighbours.sort_by_x(w)
     ahead = look_ahead(w)
@@ -206,7 +231,7 @@ def look_around(w: World, setting: Setting, network: Network, s: Survey) -> tupl
         near.lane = v[i].target_lane
         near.away = braking.looks_away_chance(v, i, setting.road, setting.tables.memory)
         _note_words(w, i, setting, near)
-        look_at(w.vehicles, i, intent_now(near), near.away, ahead, setting.road, s.seen[n])
+        look_at(w, i, intent_now(near), near.away, ahead, setting.road, s.seen[n])
         near.danger = danger(network, s.seen[n], s.layers)
         total += near.danger
         if v[i].lanes & v[0].lanes and nearest < dx < 0.0:
@@ -249,7 +274,7 @@ def _danger_if(
     w: World, near: int, intent: Intent, ahead: Ahead, setting: Setting, network: Network, s: Survey
 ) -> float:
     """Compute the danger of a near BV that does as `intent` says."""
-    look_at(w.vehicles, s.near[near].slot, intent, s.near[near].away, ahead, setting.road, s.look)
+    look_at(w, s.near[near].slot, intent, s.near[near].away, ahead, setting.road, s.look)
     return danger(network, s.look, s.layers)
 
 
@@ -339,6 +364,21 @@ def _close_group(s: Survey, first: int, count: int) -> None:
     s.n_acts[0] += 1
 
 
+@inlined_kernel
+def _list_act(
+    w: World, choice: Choice, total: float, least: float, ahead: Ahead, setting: Setting, network: Network, s: Survey
+) -> float:
+    """List an act that is alone in its group, of the first random words, if it is dangerous enough.
+
+    Returns:
+        Its chance times the danger it adds.
+    """
+    rise = _add_act(w, choice, total, ahead, setting, network, s)
+    if _is_listed(w, least, ahead, setting, network, s):
+        _close_group(s, choice.words, steering.ALL_WORDS - choice.words)
+    return rise
+
+
 @kernel
 def list_acts(
     w: World, total: float, least: float, ahead: Ahead, setting: Setting, network: Network, s: Survey
@@ -362,11 +402,17 @@ def list_acts(
         near = s.near[n]
         time = w.vehicles[near.slot].change_time
         away = steering.words_below(near.away)
+        if at_site(setting.road.site):
+            if 0 < near.low < _RARE_WORDS:
+                goes = Choice(n, GOES_ON, steering.LANE, 0, near.low, near.lane, near.left)
+                soon += _list_act(w, goes, total, least, ahead, setting, network, s)
+            if 0 < away < _RARE_WORDS:
+                looks = Choice(n, LOOKS_AWAY, steering.AWAY, 0, away, near.lane, near.left)
+                soon += _list_act(w, looks, total, least, ahead, setting, network, s)
+            continue
         if 0 < away < steering.ALL_WORDS:
-            choice = Choice(n, LOOKS_AWAY, steering.AWAY, 0, away, near.lane, near.left)
-            soon += _add_act(w, choice, total, ahead, setting, network, s)
-            if _is_listed(w, least, ahead, setting, network, s):
-                _close_group(s, away, steering.ALL_WORDS - away)
+            looks = Choice(n, LOOKS_AWAY, steering.AWAY, 0, away, near.lane, near.left)
+            soon += _list_act(w, looks, total, least, ahead, setting, network, s)
         if near.left == 0.0 and near.high < steering.ALL_WORDS:
             left_listed = False
             if near.low > 0:

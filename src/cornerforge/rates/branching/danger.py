@@ -12,7 +12,9 @@ import numpy as np
 
 from cornerforge._elementary import exp, log
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.rates.branching.at_site import see_meeting
 from cornerforge.road.straight import ahead_by, distance_left, half_lengths, half_widths
+from cornerforge.site.tables import at_site
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -140,14 +142,14 @@ def _log10(x: float) -> float:
 
 @kernel
 def look_at(
-    v: NDArray[np.void], i: int, intent: Intent, away_chance: float, ahead: Ahead, road: RoadNumbers,
+    w: World, i: int, intent: Intent, away_chance: float, ahead: Ahead, road: RoadNumbers,
     seen: NDArray[np.float32],
 ) -> None:  # fmt: skip
     """Fill `seen` (N_SEEN,) with what is seen of BV i and the AV; left and right look alike.
 
     Args:
-        v: All vehicles.
-        i: Slot of the BV.
+        w: The world.
+        i: Slot of the BV; at a site it has looked around (`at_site.see_meeting` says what is seen there).
         intent: What is known of it.
         away_chance: Chance that its driver looks away in the coming second.
         ahead: What is ahead of the AV.
@@ -155,6 +157,10 @@ def look_at(
         seen: Where the numbers go. The last one, 1 for a BV that is beside the AV or will be within seconds, less the
             further off it is, says how much it is worth to find out what happens (`trees`).
     """
+    if at_site(road.site):
+        see_meeting(w, i, intent.away, intent.toward, away_chance, road.site, seen)
+        return
+    v = w.vehicles
     dx = ahead_by(v, 0, i)
     sign = 1.0 if dx >= 0.0 else -1.0
     gap = sign * dx - half_lengths(v, 0, i)

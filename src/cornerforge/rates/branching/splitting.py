@@ -81,6 +81,8 @@ def _copy(pool: Pool, a: int, b: int) -> None:
         worlds.noticed[b, i] = worlds.noticed[a, i]
         worlds.order[b, i] = worlds.order[a, i]
         worlds.current[b, i] = worlds.current[a, i]
+        if worlds.agents.shape[1]:
+            worlds.agents[b, i] = worlds.agents[a, i]
         for place in range(worlds.order.shape[1] + i, worlds.seen.shape[1], worlds.order.shape[1]):
             worlds.seen[b, place] = worlds.seen[a, place]
     for second in range(worlds.state[a, 0].decisions):

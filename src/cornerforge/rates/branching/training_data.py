@@ -134,7 +134,7 @@ def _add_look(
 ) -> None:
     """Add a sample about a near BV of which it is known what it does."""
     place = _add(s.near[near].slot, number, log)
-    look_at(w.vehicles, s.near[near].slot, intent, s.near[near].away, ahead, setting.road, log.seen[place])
+    look_at(w, s.near[near].slot, intent, s.near[near].away, ahead, setting.road, log.seen[place])
 
 
 @kernel

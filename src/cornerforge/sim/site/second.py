@@ -16,7 +16,7 @@ from cornerforge.sim.outcome import COMPLETED
 from cornerforge.sim.site.choice import act_at_site, draw_action, natural_choice
 from cornerforge.sim.site.look import look_as_driver, seconds_of
 from cornerforge.sim.site.people import look_as_walker
-from cornerforge.sim.steering import steer
+from cornerforge.sim.steering import steer_at_site
 from cornerforge.sim.world import COMES, GONE, HERE, NO_ACTION, moment_of
 from cornerforge.site.tables import CROSS, longer, mapped, pose_at, speed_at
 from cornerforge.types import FRAME_S, N_ACTIONS, PERSON, SUBSTEPS
@@ -67,7 +67,7 @@ def decide_at_site(w: World, controlled_action: int, setting: Setting, s: Scratc
     site = setting.road.site
     blocks(s.words, state.seed, state.test, moment_of(w), state.n_vehicles, PURPOSE_DECIDE)
     if s.steering.on[0]:
-        steer(s.words, s.steering, state.n_vehicles)
+        steer_at_site(s.words, s.steering, state.n_vehicles)
     for k in range(state.n_current):
         i = w.current[k]
         if i > 0:

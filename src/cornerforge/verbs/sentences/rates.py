@@ -60,7 +60,12 @@ def doubt_text(found: NaturalRate, command: str = "") -> str | None:
 
 
 def miles_text(found: NaturalRate) -> list[str]:
-    """Say how far the AV drives between two crashes, in one line; none if it drove no mile."""
+    """Say how far the AV drives between two crashes, at a site how often it crashes when it enters, in one line.
+
+    None if it drove no mile on a road.
+    """
+    if found.crashes_per_million_entering is not None and found.interval95_per_million_entering is not None:
+        return [_entering_line(found.crashes_per_million_entering, found.interval95_per_million_entering, found)]
     if found.interval95_per_mile is None:
         return []
     low, high = found.interval95_per_mile
@@ -68,6 +73,17 @@ def miles_text(found: NaturalRate) -> list[str]:
         return [f"No touch; at most once in {short(1.0 / high)} miles (95 %)"]
     most = short(1.0 / low) if low > 0.0 else "no bound"
     return [f"A touch once in {short(1.0 / found.crashes_per_mile)} miles ({short(1.0 / high)} to {most})"]
+
+
+def _entering_line(rate: float, interval: tuple[float, float], found: NaturalRate) -> str:
+    low, high = interval
+    line = (
+        f"{rate:.3g} crashes per million vehicles that enter the site ({low:.3g} to {high:.3g}); a test is a crossing"
+    )
+    if found.crashes_per_vehicle_km is None or found.interval95_per_vehicle_km is None:
+        return line
+    low, high = found.interval95_per_vehicle_km
+    return f"{line}; {found.crashes_per_vehicle_km:.3g} per vehicle-km ({low:.3g} to {high:.3g})"
 
 
 def model_text(found: NaturalRate) -> list[str]:
