@@ -53,7 +53,7 @@ _MOST = 3.0
 
 
 class Meeting(NamedTuple):
-    """Where and when the AV and another agent would meet.
+    """Place and time at which the AV and another agent would meet.
 
     Attributes:
         apart: By how much their times differ; in one lane the time gap [s]; +inf: they do not meet.
