@@ -46,7 +46,7 @@ def test_a_junction_has_its_routes_signals_and_crosswalks(site: Site) -> None:
 
 
 def test_zones_are_netconverts_foes() -> None:
-    """Of all pairs of all junctions: in 23 of 880 they differ, most where two lead into lanes side by side."""
+    """Of all pairs of all junctions: in 20 of 808 they differ, most where two lead into lanes side by side."""
     net, top = read_sumo(MCITY), read_xml(MCITY, root="net", what="a network")
     rows = {one.string("id"): one for one in top.all("junction")}
     alike = differ = 0
@@ -69,7 +69,7 @@ def test_zones_are_netconverts_foes() -> None:
                     alike += 1
                 else:
                     differ += 1
-    assert (alike, differ) == (0, 0)
+    assert (alike, differ) == (788, 20)
 
 
 def test_a_green_without_amber_is_found_and_mended(site: Site) -> None:

@@ -125,7 +125,11 @@ def _room_at_start(w: World, i: int, site: NDArray[np.void]) -> tuple[float, flo
         ahead = agents[j].s
         if agents[j].route != route:
             zone = site[0].zone[route, agents[j].route, 0]
-            if zone.kind == CROSS and zone.begin < _CLOSE and agents[j].s <= zone.other_end + longer(v[j].length, False):
+            if (
+                zone.kind == CROSS
+                and zone.begin < _CLOSE
+                and agents[j].s <= zone.other_end + longer(v[j].length, False)
+            ):
                 return 0.0, 0.0
             if zone.kind == 0 or zone.begin > 0.0 or agents[j].s > zone.other_end:
                 continue
