@@ -132,7 +132,7 @@ class Search:
         kind = "other"
         if v["duration"][0] > 0.0 and v["duration"][bv] > 0.0:
             kind = "conflict"
-        elif v["duration"][0] == 0.0 and v["x"][bv] > v["x"][0] and av_strikes(v, 0, bv):
+        elif v["duration"][0] == 0.0 and v["x"][bv] > v["x"][0] and av_strikes(v, 0, bv, True):
             kind = "cut-in"
         known = self.least.setdefault(kind, dict.fromkeys(BUDGETS, math.inf))
         for name, nats in zip(BUDGETS, (spent.shortfall, spent.excess), strict=True):

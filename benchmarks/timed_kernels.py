@@ -193,7 +193,7 @@ def _timed_choice(
 ) -> int:
     """What an adversary with a policy does in one decision."""
     since = _now(clock)
-    bv = nearest_bv(w)
+    bv = nearest_bv(w, setting.road)
     if bv < 0:
         return 0
     observe(w, bv, setting.road, s.found, s.observation)

@@ -20,9 +20,9 @@ from cornerforge._schema import check_fields, meant, read
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.perception import Perception
 from cornerforge.road.network import Road, faults_of
+from cornerforge.site import tables
 from cornerforge.site.laws import Demand, Laws
 from cornerforge.site.network import Site
-from cornerforge.site.tables import ACCELERATION_STEP
 
 __all__ = [
     "ACCELERATIONS",
@@ -52,6 +52,7 @@ SUBSTEPS = round(1.0 / FRAME_S)
 """Substeps in a second, from one decision of the BVs to the next."""
 
 METRES_PER_MILE = 1609.344
+ACCELERATION_STEP = tables.ACCELERATION_STEP
 
 
 @dataclass(frozen=True)

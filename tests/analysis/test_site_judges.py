@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from analysis.site_scenes import Agent, meeting, middle, name_at, odd_of, scene, steady
 from numpy.typing import NDArray
 
 from cornerforge.analysis.avoidability import AvoidParams, avoidability
@@ -19,7 +20,6 @@ from cornerforge.recordings import recordings_of
 from cornerforge.road.straight import road_numbers
 from cornerforge.site.tables import pose_at
 from cornerforge.types import FRAME_S, PERSON, Odd, Scenario
-from tests.analysis.site_scenes import Agent, meeting, middle, name_at, odd_of, scene, steady
 
 SIGNAL, CROSSING = odd_of("mcity-signal"), odd_of("mcity-crossing")
 NORTH_SOUTH, EAST_WEST = 1.0, 20.0

@@ -139,6 +139,7 @@ def test_the_yield_is_that_of_the_same_av_inside(bv: str, tests: int) -> None:
     expected, found = (evaluate(run, tests=tests, seed=4, reward="own-fault", threads=2) for run in (built_in, foreign))
     assert isinstance(found, Yield)
     assert found == expected
+    assert found.avoidable_per_test is not None
     assert 0.0 < found.avoidable_per_test < found.crashes_per_test
     assert bv != "uniform" or found.striking_share
 
@@ -147,6 +148,7 @@ def test_a_yield_counts_the_tests_that_the_av_did_not_spoil(avs: Path) -> None: 
     run = experiment(av="avs:Nan", bv="swerve", takes_foreign=True)
     found = evaluate(run, tests=200, seed=4)
     assert found.tests == 200 - len(run.faults) < 200
+    assert found.avoidable_per_test is not None
     assert found.avoidable_per_test * found.tests == pytest.approx(round(found.avoidable_per_test * found.tests))
 
 

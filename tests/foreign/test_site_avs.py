@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import shutil
 import sys
@@ -217,19 +218,19 @@ def test_the_flaw_of_the_hasty_example_is_what_it_says(odd: Odd) -> None:
     """Behind the truck a person is not heeded; in the open after a second."""
     sys.path.insert(0, str(Path.cwd()))
     try:
-        from junction_av import MyAv, MyHastyAv
+        example = importlib.import_module("junction_av")
     finally:
         sys.path.pop(0)
     context = context_of(odd, batch=1, seed=0)
     answers = {}
     for name in ("person on the path", "person behind a truck that stands beside"):
-        hasty = MyHastyAv()
+        hasty = example.MyHastyAv()
         hasty.setup(context)
         for time in (5.0, 5.5, 6.0):
             table = site_case(name)[None].copy()
             table[0, 1, 0] = time
             scenes = site_scene.SiteScenes(table, context)
-            answers[name, time] = hasty.act(scenes)[0], MyAv().act(scenes)[0]
+            answers[name, time] = hasty.act(scenes)[0], example.MyAv().act(scenes)[0]
     first, open_later = answers["person on the path", 5.0], answers["person on the path", 6.0]
     assert first[1] < -1.0 < first[0]
     assert open_later[0] == open_later[1]

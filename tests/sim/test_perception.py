@@ -157,7 +157,7 @@ def test_a_world_cut_anywhere_goes_on_as_the_uncut_one(model: NddModel, percepti
     setting, slots = setting_of(model, odd), n_slots(odd)
     scratch, keep = allocate_scratch(slots, NO_POLICY), keep_nothing(slots)
     for test in range(6):
-        whole, cut = (world_of(allocate_worlds(1, slots, setting.road.perception.late)) for _ in range(2))
+        whole, cut = (world_of(allocate_worlds(1, slots, setting.road)) for _ in range(2))
         reset_world(whole, SEED, test, setting)
         reset_world(cut, SEED, test, setting)
         advance(whole, setting, scratch, keep, NEVER)
@@ -180,7 +180,7 @@ def test_an_av_from_outside_sees_what_a_recording_says(model: NddModel) -> None:
     odd = seen_as(perception)
     setting = setting_of(model, odd).with_drivers(av=OUTSIDE)
     slots = n_slots(odd)
-    batch = allocate_batch(1, slots, np.zeros((1, slots, 18)), 2)  # scenes
+    batch = allocate_batch(1, slots, np.zeros((1, slots, 18)), setting.road)  # scenes
     begin(SEED, np.zeros(1, np.int64), np.array([4]), setting, batch)
     scratch, keep = allocate_scratch(slots, NO_POLICY), keep_nothing(slots)
     world = world_of(batch.worlds)

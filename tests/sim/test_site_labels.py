@@ -55,7 +55,7 @@ def test_it_is_that_of_boxes_moved_in_small_steps(seed: int) -> None:
     for _ in range(200):
         av = 0.0, 0.0, float(rng.uniform(0.0, 10.0)), float(rng.uniform(-4.0, 4.0))
         other = (*rng.uniform(-20.0, 20.0, 2).tolist(), float(rng.uniform(0.0, 10.0)), float(rng.uniform(-4.0, 4.0)))
-        found = ttc(av, other)  # type: ignore[arg-type]
+        found = ttc(av, other)
         sizes = (5.0, 2.0), (4.0, 1.8)
         driven = next((
             k * STEP for k in range(round(6.0 / STEP))

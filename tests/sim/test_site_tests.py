@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +38,7 @@ from cornerforge.world_options import WorldOptions
 pytestmark = pytest.mark.filterwarnings("ignore:Site")
 
 
-def careless(name: str = "mcity-signal", **options: object) -> Experiment:
+def careless(name: str = "mcity-signal", **options: Any) -> Experiment:
     """A run at a site whose drivers overlook others often, so that few tests hold many crashes."""
     laws = replace(laws_named(None), overlooks_person=0.1, overlooks_vehicle=0.1, runs_red=0.1, looks_away=0.1)
     odd = odd_at(Odd(), site_named(name), laws, demand_of("vehicles=300,people=120"))
@@ -167,7 +168,7 @@ def test_what_belongs_to_roads_is_refused_at_a_site() -> None:
         ({"av": "idm-yield", "site_traffic": "people=many"}, "write people=NUMBER"),
     ):
         with pytest.raises(InputError, match=text):
-            experiment(WorldOptions(site="mcity-signal", **options))  # type: ignore[arg-type]
+            experiment(WorldOptions(site="mcity-signal", **options))
     with pytest.raises(InputError, match="at sites only"):
         experiment(WorldOptions(av="idm-yield"))
     with pytest.raises(InputError, match="is for sites"):

@@ -48,9 +48,12 @@ def test_people_are_measured_as_they_walk() -> None:
     scenarios = [recorder.record(1, test) for test in range(12)]
     seen = measures(scenarios, zones)
     fastest = run.setting.road.site[0]["walks"][-1]
-    assert len(seen.walks) > 30 and min(seen.walks) > 0.0 and max(seen.walks) <= 1.05 * fastest
+    assert len(seen.walks) > 30
+    assert min(seen.walks) > 0.0
+    assert max(seen.walks) <= 1.05 * fastest
     assert all(abs(meeting.seconds) < 10.5 and meeting.light in (0, 1, 2) for meeting in seen.meetings)
-    assert len(seen.kerbs) > 10 and all(isinstance(kerb, Kerb) for kerb in seen.kerbs)
+    assert len(seen.kerbs) > 10
+    assert all(isinstance(kerb, Kerb) for kerb in seen.kerbs)
     again = measures(scenarios[:6], zones), measures(scenarios[6:], zones)
     assert seen.walks == again[0].walks + again[1].walks
 

@@ -47,11 +47,14 @@ def test_summary_and_file_agree(trained: tuple[Path, Trained]) -> None:
         "nobody", "uniform", "uniform, bounded", "lane-changer", "lane-changer, bounded", "swerve", "swerve, bounded",
     ]  # fmt: skip
     for rate in (summary, *baselines):
+        assert rate.avoidable_per_test is not None
+        assert rate.avoidable_interval95 is not None
         low, high = rate.avoidable_interval95
         assert 0.0 <= low <= rate.avoidable_per_test <= rate.crashes_per_test
         assert rate.avoidable_per_test <= high
     swerve = baselines[5]
     assert swerve.crashes_per_test > 0.5
+    assert swerve.avoidable_per_test is not None
     assert 0.0 < swerve.avoidable_per_test < swerve.crashes_per_test
     assert baselines[0].crashes_per_test == 0.0
     assert baselines[0].striking_share is None

@@ -305,7 +305,7 @@ def _is_danger(case: SiteCase, frame: int) -> bool:
     v_av, v = float(case.speed[frame, 0]), float(case.speed[frame, other])
     if np.isfinite(case.in_line[frame, other]):
         gap = float(case.in_line[frame, other] - case.s[frame, 0]) - 0.5 * float(case.sizes[[0, other], 0].sum())
-        return -0.5 * case.sizes[0, 0] < gap < _TTC * (v_av - v)
+        return -0.5 * float(case.sizes[0, 0]) < gap < _TTC * (v_av - v)
     if case.zone is None:
         return False
     own, theirs = case.zone_of(0), case.zone_of(other)

@@ -107,7 +107,7 @@ class SiteCase:
 
     def way(self, i: int) -> Route:
         """Look up the route of agent i."""
-        return self.site.routes[self.route[i]]
+        return self.site.routes[int(self.route[i])]
 
     def is_person(self, i: int) -> bool:
         """Is agent i a person?"""
@@ -130,9 +130,10 @@ class SiteCase:
         here = self.s[-1, 0], self.s[-1, self.partner]
 
         def away(row: Any) -> float:
-            return max(row["begin"] - here[0], here[0] - row["end"], 0.0) + max(
+            apart: float = max(row["begin"] - here[0], here[0] - row["end"], 0.0) + max(
                 row["other_begin"] - here[1], here[1] - row["other_end"], 0.0
             )
+            return apart
 
         return min(known, key=away) if known else None
 
@@ -181,7 +182,7 @@ class SiteCase:
         if waits.any():
             return int(np.flatnonzero(waits)[-1])
         first = int(np.flatnonzero(np.isfinite(self.s[:, i]))[0])
-        return first - math.ceil(self.s[first, i] / max(self.speed[first, i], _STANDS) / FRAME_S)
+        return first - math.ceil(float(self.s[first, i]) / max(float(self.speed[first, i]), _STANDS) / FRAME_S)
 
     def letter(self, i: int, frame: int) -> int:
         """Look up the light of vehicle i in a frame."""
@@ -230,7 +231,10 @@ class SiteCase:
         """Mark the frames in which agent j overlaps the lane of the AV's box at `there` of the AV's route."""
         line, along = self.way(0).line, self.way(0).along
         x, y = (np.interp(np.nan_to_num(there), along, values) for values in line.T)
-        return np.hypot(self.x[:, j] - x, self.y[:, j] - y) < 0.5 * (self.sizes[0, 1] + self.sizes[j, 1])
+        near: NDArray[np.bool_] = np.hypot(self.x[:, j] - x, self.y[:, j] - y) < 0.5 * (
+            self.sizes[0, 1] + self.sizes[j, 1]
+        )
+        return near
 
 
 def case_of(scenario: Scenario) -> SiteCase:

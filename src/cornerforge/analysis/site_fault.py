@@ -258,7 +258,8 @@ def _along_av(case: SiteCase) -> NDArray[np.float64]:
     """Give the partner's place along the AV's way [m], (T,): of a way that joins, as far before the join as it is."""
     if case.route[0] == case.route[case.partner] or case.zone is None or case.zone["kind"] == CROSS:
         return case.s[:, case.partner] + _offset(case)
-    return case.zone["begin"] + case.s[:, case.partner] - case.zone["other_begin"]
+    there: NDArray[np.float64] = case.zone["begin"] + case.s[:, case.partner] - case.zone["other_begin"]
+    return there
 
 
 def _offset(case: SiteCase) -> float:

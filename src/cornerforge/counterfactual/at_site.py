@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from cornerforge._jit import kernel
+from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.sim import motion
 from cornerforge.site.tables import pose_at
@@ -78,6 +78,12 @@ def allocate_speed_search() -> SpeedSearch:
     )  # fmt: skip
 
 
+@inlined_kernel
+def _is_finite(x: float) -> bool:
+    """Is x neither NaN nor infinite?"""
+    return -np.inf < x < np.inf
+
+
 @kernel
 def places_along(
     site: NDArray[np.void], route: int, x: NDArray[np.float64], y: NDArray[np.float64], out: NDArray[np.float64]
@@ -91,7 +97,7 @@ def places_along(
     at = -1
     for t in range(x.size):
         out[t] = np.nan
-        if not np.isfinite(x[t]):
+        if not _is_finite(x[t]):
             continue
         first, last = (0, row.places - 1) if at < 0 else (max(0, at - 1), min(row.places - 1, at + 8))
         best = np.inf
@@ -99,7 +105,8 @@ def places_along(
             dx, dy = place[k + 1].x - place[k].x, place[k + 1].y - place[k].y
             part = ((x[t] - place[k].x) * dx + (y[t] - place[k].y) * dy) / max(dx * dx + dy * dy, 1e-12)
             part = min(max(part, 0.0), 1.0)
-            away = (x[t] - place[k].x - part * dx) ** 2 + (y[t] - place[k].y - part * dy) ** 2
+            ox, oy = x[t] - place[k].x - part * dx, y[t] - place[k].y - part * dy
+            away = ox * ox + oy * oy
             if away < best:
                 best = away
                 at = k
@@ -127,7 +134,7 @@ def carry_on(
         braking = min(rate[j], 0.0) if rate[j] < -0.2 else 0.0
         for t in range(last + 1, s.shape[0]):
             s[t, j] = np.nan
-            if j == 0 or behind[j] or not np.isfinite(s[last, j]):
+            if j == 0 or behind[j] or not _is_finite(s[last, j]):
                 continue
             time = (t - last) * FRAME_S
             if braking < 0.0:
@@ -148,7 +155,7 @@ def touched(
     x, y, heading = pose_at(site, routes[0], place)
     own = Box(x, y, heading, sizes[0, 0], sizes[0, 1])
     for j in range(1, routes.size):
-        if not np.isfinite(s[t, j]):
+        if not _is_finite(s[t, j]):
             continue
         ox, oy, other = pose_at(site, routes[j], s[t, j])
         reach = 0.5 * (sizes[0, 0] + sizes[0, 1] + sizes[j, 0] + sizes[j, 1])
@@ -169,7 +176,7 @@ def rooms_to(
     """
     for t in range(s.shape[0]):
         out[t] = np.inf
-        if not (np.isfinite(s[t, i]) and np.isfinite(s[t, j])):
+        if not (_is_finite(s[t, i]) and _is_finite(s[t, j])):
             continue
         x, y, heading = pose_at(site, routes[i], s[t, i])
         box = Box(x, y, heading, sizes[i, 0], sizes[i, 1])
@@ -177,7 +184,7 @@ def rooms_to(
         way = 0.0
         while way <= _FAR and s[t, j] + way <= site[0].route[routes[j]].length:
             ox, oy, other = pose_at(site, routes[j], s[t, j] + way)
-            apart = math.sqrt((ox - x) ** 2 + (oy - y) ** 2) - reach
+            apart = math.sqrt((ox - x) * (ox - x) + (oy - y) * (oy - y)) - reach
             if apart < 0.0 and boxes_overlap(box, Box(ox, oy, other, sizes[j, 0], sizes[j, 1])):
                 out[t] = way
                 break

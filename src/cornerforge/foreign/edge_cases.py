@@ -189,7 +189,7 @@ def scenes_of(views: NDArray[np.float32], rows: int, context: AvContext) -> NDAr
 
 
 class Trials(NamedTuple):
-    """What an AV is tried on: by an array for each world, as the simulator would show it (`AvSession.shown`).
+    """Worlds that an AV is tried on: an array for each, as the simulator would show it (`AvSession.shown`).
 
     Attributes:
         names: Of the edge cases.

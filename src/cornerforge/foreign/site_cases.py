@@ -157,6 +157,12 @@ def random_scenes(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[n
     return np.stack(tables).reshape(*shape, _ROWS, COLUMNS)
 
 
+def _drawn(place: NDArray[np.float64], speed: NDArray[np.float64], kind: str, priority: int) -> Seen:
+    x, y = place.tolist()
+    vx, vy = (speed / (4.0 if kind == "person" else 1.0)).tolist()
+    return Seen(x, y, vx, vy, kind, priority)
+
+
 def _random(rng: np.random.Generator) -> NDArray[np.float64]:
     count = int(rng.integers(0, AGENTS + 1))
     places = rng.uniform(-60.0, 60.0, (count, 2))
@@ -164,8 +170,10 @@ def _random(rng: np.random.Generator) -> NDArray[np.float64]:
     speeds = rng.normal(0.0, 5.0, (count, 2))
     kinds = rng.choice(["car", "truck", "person"], count)
     agents = [
-        _row_of(k + 1, Seen(*places[k], *speeds[k] / (4.0 if kinds[k] == "person" else 1.0), str(kinds[k]), int(first)))
+        _row_of(k + 1, _drawn(places[k], speeds[k], str(kinds[k]), int(first)))
         for k, first in enumerate(rng.integers(-1, 2, count))
     ]
-    moment = [rng.uniform(0.0, 60.0), rng.uniform(-3.0, 2.0), rng.uniform(-20.0, 60.0), rng.integers(0, 5), 80.0]
+    moment = [
+        rng.uniform(0.0, 60.0), rng.uniform(-3.0, 2.0), rng.uniform(-20.0, 60.0), float(rng.integers(0, 5)), 80.0,
+    ]  # fmt: skip
     return _table(float(rng.uniform(0.0, 12.0)), moment, _way(float(rng.choice([0.0, 0.08, -0.15]))), agents)

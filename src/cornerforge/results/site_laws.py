@@ -67,7 +67,7 @@ class SiteBar(Result):
 
 
 class SiteValidated(Result):
-    """What drivers and people do in tests at a site, beside what they rest on."""
+    """Acts of drivers and people in tests at a site, beside what they rest on."""
 
     site: Annotated[str, meant("The site.")]
     bars: Annotated[tuple[SiteBar, ...], meant("The measures.")]

@@ -1,4 +1,4 @@
-"""The simulator: one AV and many background vehicles (BVs) on a straight highway, in compiled kernels.
+"""The simulator: one AV and many background vehicles (BVs) on a highway or at a site, in compiled kernels.
 
 One function moves everything: `advance(world, setting, scratch, keep, until)`. This file is the door: other packages
 of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs of others may rely on the names of
@@ -7,8 +7,9 @@ of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs
 - *World*, all that the future of one test depends on. `World`; `allocate_worlds` makes idle ones, `world_of` and, for
   kernels, `world_row` take one of them, `n_slots` says how many vehicles have room. `reset_world` puts it at the start
   of a test, which (seed, test) and the setting determine; `naming_tests` names the test that cannot be drawn. `outcome`
-  (a module) has the codes of how it stands and ended. `copy_of`, `branch_of` (up to `MAX_BRANCH`), `packed` and
-  `unpacked` copy, branch and store it at any moment; `moment_of` numbers the moment for random words.
+  (a module) has the codes of how it stands and ended; `ALL_OF_THEM`, where a slot would be, says that a driver at a
+  site overlooks all. `copy_of`, `branch_of` (up to `MAX_BRANCH`), `packed` and `unpacked` copy, branch and store it at
+  any moment; `moment_of` numbers the moment for random words.
 - *Setting*, constant in a run. `Setting`: road, AV, naturalistic model and controllers; `controllers` (a module) says
   what drives the AV, the critical BV (the BV nearest to the AV) and the other BVs.
 - *Advance*. `advance` is the one loop. It returns when the test is over (`OVER`), after `until` seconds of the test
@@ -27,7 +28,8 @@ of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs
 - *Parts* of a second, for kernels of other packages: `perception` shows a world as the AV sees it; then
   `built_in_av_decides` is asked, and `av_decide` for the plain AV; `choose_action` for plain adversaries and policies;
   `chances` of each action, `steering` of the words that draw it; `neighbours`; `actions` as they begin, `motion`, and
-  `bicycle` of an AV that steers.
+  `bicycle` of an AV that steers. At sites `look_around` lets an agent look, `away_chance` says how likely a driver
+  looks away in the coming second, and `meeting_with_av` where and when an agent's way meets the AV's.
 
 Worlds to learn in are in `adversary.worlds`, weighted tests in `rates.branching`, questions about recorded crashes in
 `counterfactual`.

@@ -98,7 +98,8 @@ def hold_from(v: NDArray[np.void], i: int, acceleration: float, road: RoadNumber
     if ramp <= FRAME_S and most <= speed and speed + most <= road.max_speed:
         v[i].acceleration_held = acceleration
         v[i].speed_held = speed - 0.5 * change * ramp
-        return _SIXTH * change * ramp * ramp
+        further: float = _SIXTH * change * ramp * ramp
+        return further
     v[i].acceleration_held = now
     v[i].speed_held = speed
     return 0.0

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from cornerforge._elementary import sin_cos
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.fields import BODY, CASE_ROW, HISTORY_SHAPE, REALS
 from cornerforge.recordings import Recordings, recordings_of_columns
@@ -20,7 +19,7 @@ from cornerforge.sim.drive import drive_test
 from cornerforge.sim.outcome import AV_CRASH, write_outcome
 from cornerforge.sim.site.contact import most_at_site, never_jumps, shortest_at_site
 from cornerforge.sim.step import forget_frames
-from cornerforge.site.tables import at_site
+from cornerforge.site.tables import at_site, seen_from
 from cornerforge.types import FRAME_S, SUBSTEPS
 
 if TYPE_CHECKING:
@@ -290,9 +289,7 @@ def _keep_labels(
     row.impact_speed_difference_mps = bv.speed - av.speed
     row.relative_heading_rad = (bv.heading - av.heading + math.pi) % (2.0 * math.pi) - math.pi
     if at_site(road.site):
-        sine, cosine = sin_cos(av.heading)
-        row.relative_lon_m = (bv.x - av.x) * cosine + (bv.y - av.y) * sine
-        row.relative_lat_m = (bv.y - av.y) * cosine - (bv.x - av.x) * sine
+        row.relative_lon_m, row.relative_lat_m = seen_from(av, bv)
         row.av_lane = av.target_lane
         row.relative_lane = bv.target_lane - av.target_lane
     else:

@@ -20,7 +20,7 @@ from cornerforge.fields import FRAME_FIELDS, REALS
 from cornerforge.road.straight import ahead_by, go_further, lane_bits, lane_centre, road_numbers
 from cornerforge.sim.observe import price
 from cornerforge.sim.world import NO_VEHICLE, World, all_current, allocate_worlds, world_of
-from cornerforge.site.tables import MEETINGS, NO_ZONE, at_site, nearest_place, pose_at
+from cornerforge.site.tables import MEETINGS, NO_ZONE, at_site, beside, nearest_place, pose_at
 from cornerforge.types import FRAME_S, PERSON, SUBSTEPS
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def _carry_on(w: World, i: int, part: int, time: float, road: RoadNumbers) -> No
     if at_site(road.site):
         v[i].acceleration = then.acceleration
         v[i].present = then.as_what
-        _put_on_route(w, i, then.x + time * then.speed, 0.0, road.site)
+        _put_on_route(w, i, then.x, time * then.speed, 0.0, road.site)
         return
     v[i].x = then.x
     go_further(v, i, time * then.speed)
@@ -138,14 +138,11 @@ def _carry_on(w: World, i: int, part: int, time: float, road: RoadNumbers) -> No
 
 
 @kernel
-def _put_on_route(w: World, i: int, s: float, aside: float, site: NDArray[np.void]) -> None:
-    """Put the agent in slot i at s [m] of its route, and so far to the left of it [m]."""
+def _put_on_route(w: World, i: int, s: float, further: float, aside: float, site: NDArray[np.void]) -> None:
+    """Put the agent in slot i so much further than s [m] along its route, and so far to the left of it [m]."""
     own, me = w.agents[i], w.vehicles[i]
-    own.s = max(0.0, min(s, site[0].route[own.route].length))
-    me.x, me.y, me.heading = pose_at(site, own.route, own.s)
-    sine, cosine = sin_cos(me.heading)
-    me.x -= aside * sine
-    me.y += aside * cosine
+    own.s = max(0.0, min(s + further, site[0].route[own.route].length))
+    me.x, me.y, me.heading = beside(pose_at(site, own.route, own.s), aside)
 
 
 @inlined_kernel
@@ -171,7 +168,7 @@ def _displace(w: World, i: int, second: int, share: float, road: RoadNumbers) ->
     if at_site(road.site):
         further, aside = along * (x_now + share * (x_next - x_now)), across * (y_now + share * (y_next - y_now))
         v[i].speed = max(0.0, v[i].speed + along * (x_next - x_now))
-        _put_on_route(w, i, w.agents[i].s + further, aside, road.site)
+        _put_on_route(w, i, w.agents[i].s, further, aside, road.site)
         return
     go_further(v, i, along * (x_now + share * (x_next - x_now)))
     v[i].speed = max(0.0, v[i].speed + along * (x_next - x_now))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cornerforge._elementary import sin_cos
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.errors import InputError
 from cornerforge.site.laws import Demand, Laws
@@ -22,16 +23,16 @@ if TYPE_CHECKING:
 __all__ = [
     "CHANGE_TIME", "CROSS", "DIVERGE", "GREEN", "MAX_PHASES", "MAX_PLACES", "MAX_ROUTES", "MEETINGS", "MERGE",
     "NOISE_CELLS", "NO_SITE", "NO_ZONE", "RED", "SHARED", "SITE", "SLOW_WALK", "WALK", "WARM_UP", "WEAVE", "YELLOW",
-    "approaches", "at_site", "letter_at", "longer", "mapped", "nearest_place", "place_of", "pose_at", "site_numbers",
-    "slots_at", "speed_at", "walk_letter", "when_green", "without_errors",
+    "approaches", "at_site", "beside", "letter_at", "longer", "mapped", "nearest_place", "place_of", "pose_at",
+    "seen_from", "site_numbers", "slots_at", "speed_at", "walk_letter", "when_green", "without_errors",
 ]  # fmt: skip
 
 MAX_ROUTES, MAX_PLACES, MAX_PHASES = 64, 512, 32
+"""Most routes of a site, places along a route, and phases of its signals."""
 MEETINGS = 2
 """Most zones of two routes."""
 NOISE_CELLS = 21
 """Accelerations about the law's that noise may lead to, the law's own in the middle."""
-"""Most routes of a site, places along a route, and phases of its signals."""
 NO_ZONE, CROSS, MERGE, DIVERGE, SHARED, WEAVE = range(6)
 """Kinds of zones of two routes."""
 RED, YELLOW, GREEN, YIELDING_GREEN = range(4)
@@ -194,10 +195,12 @@ def _noise_shares(sd: float) -> NDArray[np.float64]:
     """
     steps = np.arange(NOISE_CELLS) - NOISE_CELLS // 2
     if sd == 0.0:
-        return (steps == 0).astype(np.float64)
+        alone: NDArray[np.float64] = (steps == 0).astype(np.float64)
+        return alone
     edges = np.clip((np.append(steps, steps[-1] + 1) - 0.5) * ACCELERATION_STEP / sd, -2.5, 2.5)
     shares: NDArray[np.float64] = np.diff([NormalDist().cdf(edge) for edge in edges.tolist()])
-    return shares / shares.sum()
+    shares /= shares.sum()
+    return shares
 
 
 def _fill_zones(one: NDArray[np.void], site: Site) -> None:
@@ -328,6 +331,22 @@ def pose_at(site: NDArray[np.void], route: int, s: float) -> tuple[float, float,
     )
 
 
+@inlined_kernel
+def beside(pose: tuple[float, float, float], aside: float) -> tuple[float, float, float]:
+    """Move a pose, x, y [m] and heading [rad], to its left [m]."""
+    x, y, heading = pose
+    sine, cosine = sin_cos(heading)
+    return x - aside * sine, y + aside * cosine, heading
+
+
+@inlined_kernel
+def seen_from(one: Any, other: Any) -> tuple[float, float]:
+    """Say how far ahead of one record with x, y and heading another is, and how far to its left [m]."""
+    sine, cosine = sin_cos(one.heading)
+    dx, dy = other.x - one.x, other.y - one.y
+    return dx * cosine + dy * sine, dy * cosine - dx * sine
+
+
 @kernel
 def nearest_place(site: NDArray[np.void], route: int, x: float, y: float) -> float:
     """Find how far along a route [m] its point nearest to a place is, x and y [m]."""
@@ -338,7 +357,8 @@ def nearest_place(site: NDArray[np.void], route: int, x: float, y: float) -> flo
         dx, dy = after.x - one.x, after.y - one.y
         part = ((x - one.x) * dx + (y - one.y) * dy) / (dx * dx + dy * dy)
         part = max(0.0, min(part, 1.0))
-        away = (one.x + part * dx - x) ** 2 + (one.y + part * dy - y) ** 2
+        off_x, off_y = one.x + part * dx - x, one.y + part * dy - y
+        away = off_x * off_x + off_y * off_y
         if away < best:
             best, found = away, (k + part) * row.step
     return found
@@ -375,7 +395,7 @@ def when_green(site: NDArray[np.void], route: int, clock: float) -> float:
     signal = one.route[route].signal
     if signal < 0 or one.phases == 0:
         return np.inf
-    time = clock % one.cycle
+    time: float = clock % one.cycle
     since = time
     for phase in range(one.phases):
         if one.phase_ends[phase] <= time and one.letters[phase, signal] <= YELLOW:
@@ -386,9 +406,9 @@ def when_green(site: NDArray[np.void], route: int, clock: float) -> float:
 
 
 @inlined_kernel
-def _last_end(one: NDArray[np.void], signal: int) -> float:
+def _last_end(one: Any, signal: int) -> float:
     """Find where the last red or yellow phase of a signal ends [s]; 0 for none."""
-    last = 0.0
+    last: float = 0.0
     for phase in range(one.phases):
         if one.letters[phase, signal] <= YELLOW:
             last = one.phase_ends[phase]

@@ -1,4 +1,4 @@
-"""What drivers and people did in recordings of tests at a site: encounters, gaps, waits at kerbs, walking, crashes."""
+"""Measures of drivers and people in recordings of tests at a site: encounters, gaps, kerbs, walking, crashes."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Kerb:
 
 @dataclass
 class Measured:
-    """What was seen; `add` puts another recording to it.
+    """Measurements of drivers and people; `add` puts another recording to it.
 
     Attributes:
         meetings, turns, kerbs: As their classes say.

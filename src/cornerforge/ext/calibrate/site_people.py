@@ -42,7 +42,7 @@ class Found:
     groups: int
 
 
-def _found(value: Floats, interval: Floats, n: int, groups: int) -> Found:
+def _found(value: float, interval: Floats, n: int, groups: int) -> Found:
     return Found(float(value), float(interval[0]), float(interval[1]), n, groups)
 
 
@@ -306,10 +306,7 @@ def fit_encounters(table: Table) -> EncounterFit | None:
         return None
     x = min((_fitted(total, _BEGIN + shift) for shift in (0.0, 0.3, -0.3)), key=lambda y: -_score(total, y))
     ends = interval_of(lambda w: np.array([*_named(_fitted(np.tensordot(w, counts, 1), x)).values()]), groups)
-    values = {
-        name: _found(np.float64(v), ends[:, k], round(total.sum()), groups)
-        for k, (name, v) in enumerate(_named(x).items())
-    }
+    values = {name: _found(v, ends[:, k], round(total.sum()), groups) for k, (name, v) in enumerate(_named(x).items())}
     apart = kept_apart(np.arange(groups))
     seen, unseen = counts[~apart].sum(axis=0), counts[apart].sum(axis=0)
     plain = (seen + 1.0) / (seen + 1.0).sum(axis=(1, 2), keepdims=True)

@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ from cornerforge.world_options import WorldOptions
 
 __all__ = ["ERRORS_OFF", "bars_of", "site_did_not_pass", "site_validate", "site_validation_text"]
 
-ERRORS_OFF: Mapping[str, float] = {
+ERRORS_OFF: Mapping[str, Any] = {
     "runs_red": 0.0, "overlooks_vehicle": 0.0, "overlooks_person": 0.0, "looks_away": 0.0, "walks_blindly": 0.0,
     "gap_error": 0.01,
 }  # fmt: skip
@@ -82,8 +83,8 @@ def site_validate(options: SiteValidate) -> SiteValidated:
         *bars_of(people, tables),
         *_of_turns(turning),
         _bar(
-            "crashes, without errors", "", (crashes, *poisson_interval(crashes)), tally.tests, None, "none in 1e6 tests",
-            crashes == 0,
+            "crashes, without errors", "", (crashes, *poisson_interval(crashes)), tally.tests, None,
+            "none in 1e6 tests", crashes == 0,
         ),
     ]  # fmt: skip
     return SiteValidated(
@@ -217,7 +218,8 @@ def _of_turns(seen: Measured) -> list[SiteBar]:
         bars.append(
             _bar(
                 "follow-up headway of left turns, mean", "s",
-                (times.mean(), times.mean() - error, times.mean() + error), times.size, (_FOLLOW_UP,), "about this", None,
+                (times.mean(), times.mean() - error, times.mean() + error), times.size, (_FOLLOW_UP,), "about this",
+                None,
             )
         )  # fmt: skip
     return bars
@@ -231,8 +233,8 @@ def site_validation_text(result: SiteValidated) -> str:
         data += "" if bar.data_interval95 is None else f" ({bar.data_interval95[0]:g} to {bar.data_interval95[1]:g})"
         verdict = {True: "holds", False: "MISSED", None: "not judged"}[bar.holds]
         lines.append(
-            f"{bar.measure:<45} {bar.simulated:g} ({bar.interval95[0]:g} to {bar.interval95[1]:g}) {bar.unit}, n {bar.n:,}"
-            f"{data}; {bar.bar}: {verdict}"
+            f"{bar.measure:<45} {bar.simulated:g} ({bar.interval95[0]:g} to {bar.interval95[1]:g}) {bar.unit}, "
+            f"n {bar.n:,}{data}; {bar.bar}: {verdict}"
         )
     return "\n".join(
         [*lines, *(f"Note: {note}" for note in result.notes), "Passed." if result.passed else "NOT passed."]

@@ -24,7 +24,10 @@ def junction_of(net: Net, way: Connection) -> str:
 
 
 def chains_of(net: Net, junctions: Sequence[str]) -> Iterator[Chain]:
-    """Find all ways over junctions, from a lane that leads to them to one that leads away, all for cars; none passes one twice."""
+    """Find all ways over junctions, from a lane that leads to them to one that leads away, all for cars.
+
+    None passes a junction twice.
+    """
     ends = {name: (edge.string("from"), edge.string("to")) for name, edge in net.edges.items()}
     inner = {name for name, (begin, end) in ends.items() if begin != end and begin in junctions and end in junctions}
     first = [way for one in junctions for way in net.connections.get(one, []) if way.edges[0] not in inner]

@@ -218,7 +218,9 @@ def plausibility_text(result: Plausibility) -> str:
         low = binomial_interval(round(rate.crashes_per_test * rate.tests), rate.tests)[0]
         line = f"{name:>10}: {rate.crashes_per_test:.4f} crashes per test "
         line += f"(worst of {len(row.runs)}; at least {low:.4f})"
-        line += f", {min(run.avoidable_per_test for run in row.runs):.4f} avoidable"
+        avoidable = [run.avoidable_per_test for run in row.runs if run.avoidable_per_test is not None]
+        if len(avoidable) == len(row.runs):
+            line += f", {min(avoidable):.4f} avoidable"
         known = [run.log_prob_per_decision for run in row.runs if run.log_prob_per_decision is not None]
         if len(known) == len(row.runs):
             line += f"; {min(known):.2f} nats per decision"

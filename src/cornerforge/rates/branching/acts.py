@@ -380,6 +380,34 @@ def _list_act(
 
 
 @kernel
+def _list_acts_at_site(
+    w: World,
+    n: int,
+    soon: float,
+    total: float,
+    least: float,
+    ahead: Ahead,
+    setting: Setting,
+    network: Network,
+    s: Survey,
+) -> float:
+    """List what the n-th near agent of a site may do: go, where it seldom does, and look away.
+
+    Returns:
+        `soon`, and their chances times the dangers they add.
+    """
+    near = s.near[n]
+    away = steering.words_below(near.away)
+    if 0 < near.low < _RARE_WORDS:
+        goes = Choice(n, GOES_ON, steering.LANE, 0, near.low, near.lane, near.left)
+        soon += _list_act(w, goes, total, least, ahead, setting, network, s)
+    if 0 < away < _RARE_WORDS:
+        looks = Choice(n, LOOKS_AWAY, steering.AWAY, 0, away, near.lane, near.left)
+        soon += _list_act(w, looks, total, least, ahead, setting, network, s)
+    return soon
+
+
+@kernel
 def list_acts(
     w: World, total: float, least: float, ahead: Ahead, setting: Setting, network: Network, s: Survey
 ) -> None:
@@ -403,12 +431,7 @@ def list_acts(
         time = w.vehicles[near.slot].change_time
         away = steering.words_below(near.away)
         if at_site(setting.road.site):
-            if 0 < near.low < _RARE_WORDS:
-                goes = Choice(n, GOES_ON, steering.LANE, 0, near.low, near.lane, near.left)
-                soon += _list_act(w, goes, total, least, ahead, setting, network, s)
-            if 0 < away < _RARE_WORDS:
-                looks = Choice(n, LOOKS_AWAY, steering.AWAY, 0, away, near.lane, near.left)
-                soon += _list_act(w, looks, total, least, ahead, setting, network, s)
+            soon = _list_acts_at_site(w, n, soon, total, least, ahead, setting, network, s)
             continue
         if 0 < away < steering.ALL_WORDS:
             looks = Choice(n, LOOKS_AWAY, steering.AWAY, 0, away, near.lane, near.left)

@@ -53,7 +53,8 @@ def never_jumps(recording: NDArray[np.void], frame: int, i: int) -> bool:
         if here.present == 0 or after.present == 0:
             continue
         most = max(here.speed, after.speed) * FRAME_S + _SLACK
-        if (after.x - here.x) ** 2 + (after.y - here.y) ** 2 > most * most:
+        dx, dy = after.x - here.x, after.y - here.y
+        if dx * dx + dy * dy > most * most:
             return False
     return True
 

@@ -83,7 +83,8 @@ def _nearest(w: World, found: NDArray[np.int64], most: int) -> int:
         place = count
         while place > 0:
             k = found[place - 1]
-            if (v[k].x - v[0].x) ** 2 + (v[k].y - v[0].y) ** 2 <= away:
+            dx, dy = v[k].x - v[0].x, v[k].y - v[0].y
+            if dx * dx + dy * dy <= away:
                 break
             if place < most:
                 found[place] = k

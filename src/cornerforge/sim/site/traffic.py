@@ -68,7 +68,8 @@ def _walking_speed(site: NDArray[np.void], draw: float) -> float:
     while k < _SHARES.size - 2 and draw >= _SHARES[k + 1]:
         k += 1
     walks = site[0].walks
-    return walks[k] + (draw - _SHARES[k]) / (_SHARES[k + 1] - _SHARES[k]) * (walks[k + 1] - walks[k])
+    speed: float = walks[k] + (draw - _SHARES[k]) / (_SHARES[k + 1] - _SHARES[k]) * (walks[k + 1] - walks[k])
+    return speed
 
 
 @kernel
