@@ -157,13 +157,15 @@ PUBLISHED: dict[str, Published] = {
     ),
     "overlooks_person": Published(
         8e-5, 8e-5, 0.07, "recalled",
-        f"{_HEART}. {_LOW_END}; in a simulator 4 to 9 % of left turns went without a look at the crosswalk (Hurwitz, news, read)",
+        f"{_HEART}. {_LOW_END}; in a simulator 4 to 9 % of left turns went without a look at the crosswalk (Hurwitz, "
+        "news, read)",
         "who does not look before the turn may still see in it; the upper end is no rate of crashes",
     ),
     "looks_away": Published(
         4e-4, 1e-4, 0.0085, "judged",
-        "the same law, to look away and go on, fits crashes on motorways with 4e-4 (ADR 27); looks up to 1 s are within "
-        "the time in which drivers decide. Upper end: 17 % of time off the road, looks of about 1 s, 5 % of them over "
+        "the same law, to look away and go on, fits crashes on motorways with 4e-4 (ADR 27); looks up to 1 s are "
+        "within the time in which drivers decide. "
+        "Upper end: 17 % of time off the road, looks of about 1 s, 5 % of them over "
         "2 s (recalled), if such looks came at any time",
         "people look away while the gap stays the same (abstract of a study of car following, 2015, read): in streets "
         "they may look away more often, at times at which it does not matter",

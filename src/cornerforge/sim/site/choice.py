@@ -1,8 +1,8 @@
 """Natural choices at a site: the probability of each of the 33 actions, the draw, and how an action begins.
 
 Actions of a driver: give way, go, and 31 accelerations. Where it has to choose (`look`), it does one of the first two;
-else an acceleration about its law's. A driver that looks away does not accelerate, and brakes no harder. Actions of a person: wait, go
-on at the own speed, and four speeds.
+else an acceleration about its law's. A driver that looks away does not accelerate, and brakes no harder. Actions of a
+person: wait, go on at the own speed, and four speeds.
 """
 
 from __future__ import annotations

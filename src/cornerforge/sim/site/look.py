@@ -57,8 +57,8 @@ __all__ = [
 ]
 
 OBEYS, TURNS_ON_RED, STOPS, LOOKED, BLIND = (1 << k for k in range(5))
-"""Bits of `AGENT.marks`. Of a person: it never leaves the kerb on Don't Walk. Of a driver: it turns right on red; it has
-decided to stop at this light. Of a person: it has looked at the traffic once; it looks no more."""
+"""Bits of `AGENT.marks`. Of a person: it never leaves the kerb on Don't Walk. Of a driver: it turns right on red; it
+has decided to stop at this light. Of a person: it has looked at the traffic once; it looks no more."""
 WARM_STEP = 1 << 15
 """Numbers of decisions from here on are those of the warm-up."""
 _HARDEST = 8.0
@@ -71,7 +71,7 @@ _STEP, _FARTHEST = 0.5, 8.0
 _CLOSE = 0.3
 """Room that is kept to what stands ahead in a zone that both are in [m]."""
 _MARGIN = 0.5
-"""Drivers stop so far before the place in which they would be in the way [m], and leave so many seconds behind others."""
+"""Drivers stop so far before the place in which they would be in the way [m], and leave others so much time [s]."""
 _PAST_LINE = 0.5
 _LEFT_KERB, _GOES = 0.05, 1
 _CRAWLS, _UNDER_WAY = 2.0, 1.0
@@ -340,7 +340,8 @@ def _critical_gap(w: World, i: int, j: int, kind: int, site: NDArray[np.void]) -
         usual = one.gap_right
     if kind == MERGE and one.route[own.route].signal < 0 and turn != _LEFT:
         usual = one.gap_enter
-    return usual * own.gaps
+    gap_needed: float = usual * own.gaps
+    return gap_needed
 
 
 @inlined_kernel
@@ -405,10 +406,9 @@ def goes_before(
     """Does slot i go first through a zone, which it and slot j have `to_zone` and `to_other` [m] to?"""
     mine = _claim(w, i, to_zone, zone.begin, zone.goes_first != 0 and zone.yields == 0, clock, site)
     theirs = _claim(w, j, to_other, zone.other_begin, zone.yields != 0 and zone.goes_first == 0, clock, site)
-    if mine != theirs:
-        return mine > theirs
     soon, then = to_zone / (w.vehicles[i].speed + 1.0), to_other / (w.vehicles[j].speed + 1.0)
-    return soon < then if soon != then else i < j
+    first: bool = mine > theirs or (mine == theirs and (soon < then or (soon == then and i < j)))
+    return first
 
 
 @inlined_kernel
@@ -420,8 +420,10 @@ def _surely_passes(w: World, j: int, to_other: float, leaves: float) -> bool:
     other = w.vehicles[j]
     if other.kind == PERSON:
         time = (to_other - _SPURTS) / max(other.desired_speed, other.speed)
-        return time >= _NEXT and leaves + _THROUGH < time
-    return held_then_stops_within(other.speed, other.acceleration, _STRONGEST) <= to_other
+        passes: bool = time >= _NEXT and leaves + _THROUGH < time
+    else:
+        passes = held_then_stops_within(other.speed, other.acceleration, _STRONGEST) <= to_other
+    return passes
 
 
 @inlined_kernel
@@ -483,7 +485,7 @@ def _chooses(w: World, i: int, nearest: float, until: float, site: NDArray[np.vo
 
 
 @kernel
-def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np.void]) -> None:
+def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np.void]) -> None:  # noqa: PLR0915
     """Let the driver of slot i look around.
 
     A vehicle that is ahead on the same way is followed, by the IDM and no faster than is safe. Before a zone that

@@ -1,7 +1,7 @@
 """How a person at a site sees the traffic: the light, and vehicles that come, before the kerb and on the road.
 
-`look_as_walker` writes it into the person's `world.AGENT`, as `look.look_as_driver` does for a driver; `free` and `stops`
-are speeds here. The laws are in docs/sites.md.
+`look_as_walker` writes it into the person's `world.AGENT`, as `look.look_as_driver` does for a driver; `free` and
+`stops` are speeds here. The laws are in docs/sites.md.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _NEEDED = 2.5
 
 
 @kernel
-def look_as_walker(w: World, i: int, clock: float, site: NDArray[np.void]) -> None:
+def look_as_walker(w: World, i: int, clock: float, site: NDArray[np.void]) -> None:  # noqa: PLR0915
     """Let the person of slot i look around; `clock` is the time of the signals [s].
 
     At the kerb it leaves on Walk, unless a vehicle is about to pass; on Don't Walk, unless it obeys, if the gap is
@@ -122,8 +122,8 @@ def look_as_walker(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
 
 
 @kernel
-def _leaves_chance(one: NDArray[np.void], own: NDArray[np.void], worst: float, first: bool, may: bool) -> float:
-    """Compute the chance that a person leaves the kerb now; `worst`: the smallest time to spare before a vehicle [s]."""
+def _leaves_chance(one: Any, own: Any, worst: float, first: bool, may: bool) -> float:
+    """Compute the chance that a person leaves the kerb now; `worst`: the least time to spare before a vehicle [s]."""
     chance = 1.0
     if first:
         chance = sure(worst / (one.gives_way * own.manners), _JUDGED) if worst < np.inf else 1.0
@@ -154,4 +154,6 @@ def _may_wait(w: World, j: int, zone: Any, room: float) -> bool:
 def _shows_it(w: World, j: int, room: float) -> bool:
     """Can a person tell that vehicle j will stop: it stands, or brakes enough?"""
     me = w.vehicles[j]
-    return me.speed < _STANDS or (me.acceleration < -_BRAKES and -0.5 * me.speed * me.speed / me.acceleration < room)
+    enough = me.acceleration < -_BRAKES and -0.5 * me.speed * me.speed / me.acceleration < room
+    shows: bool = me.speed < _STANDS or enough
+    return shows
