@@ -24,7 +24,7 @@ from cornerforge.types import FRAME_S, PERSON, Odd, Scenario
 SIGNAL, CROSSING = odd_of("mcity-signal"), odd_of("mcity-crossing")
 NORTH_SOUTH, EAST_WEST = 1.0, 20.0
 """Times of the programme shortly after green begins."""
-STRAIGHT, LEFT, RIGHT, ACROSS = 6, 14, 3, 10
+STRAIGHT, LEFT, RIGHT, ACROSS = 4, 12, 3, 8
 """Routes: straight on from the north, left from the south, right from the north, straight on from the west."""
 
 
@@ -75,16 +75,16 @@ def test_one_that_stands_in_the_way_for_long_is_not_to_be_hit() -> None:
 
 
 def test_a_person_on_walk_goes_first() -> None:
-    """Crosswalk 21 has Walk while the north is green, so one that turns right from there gives way."""
-    case = at_clock(SIGNAL, meeting(SIGNAL, RIGHT, 21, (3.0, 1.4), PERSON), NORTH_SOUTH)
+    """Crosswalk 19 has Walk while the north is green, so one that turns right from there gives way."""
+    case = at_clock(SIGNAL, meeting(SIGNAL, RIGHT, 19, (3.0, 1.4), PERSON), NORTH_SOUTH)
     assert mechanism_of(case).name == "person-right-turn"
     assert fault(case) == ("av", "right of way: did not give way to a person on a crosswalk", "none")
     assert what_happened(case).endswith("which had left the kerb on Walk")
 
 
 def test_a_person_on_dont_walk_does_not() -> None:
-    """Crosswalk 15 lies before the lanes from the north, which are green."""
-    case = at_clock(SIGNAL, meeting(SIGNAL, STRAIGHT, 15, (6.0, 3.0), PERSON), NORTH_SOUTH)
+    """Crosswalk 13 lies before the lanes from the north, which are green."""
+    case = at_clock(SIGNAL, meeting(SIGNAL, STRAIGHT, 13, (6.0, 3.0), PERSON), NORTH_SOUTH)
     assert mechanism_of(case).name == "person-straight"
     assert fault(case)[2] == "person: left the kerb on Don't Walk"
 
@@ -188,6 +188,6 @@ def test_a_turn_of_the_whole_site_changes_nothing() -> None:
     """Judges look along routes: a crash type is the same whichever way the road leads."""
     kinds = {
         crash_type_of(at_clock(SIGNAL, [steady(route, 0.0, 0.0, 6.0), Agent(route, lambda _: 25.0)], NORTH_SOUTH))
-        for route in (STRAIGHT, ACROSS, 1, 13)
+        for route in (STRAIGHT, ACROSS, 1, 11)
     }
     assert kinds == {("rear-end by AV", "av")}

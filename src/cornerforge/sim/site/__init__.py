@@ -4,3 +4,7 @@ In the order of reading: `traffic` (a test's start, and agents that come), `look
 `people` (how a person does), `choice` (the natural probability of each action, and actions as they begin), `second`
 (decisions and motion, which `loop.advance` and `step` call at a site), `av` (built-in AVs).
 """
+
+from __future__ import annotations
+
+__all__: list[str] = []
