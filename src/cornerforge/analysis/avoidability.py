@@ -193,11 +193,11 @@ AVOIDABILITY_COLUMNS: tuple[Field, ...] = (
     Field("witness_x_m", "list of float32", "m", "AV on the way out from latest_any_s on, every 0.1 s; null: no way "
           "out.", (-1e5, 1e5), nullable=True),
     Field("witness_y_m", "list of float32", "m", "Likewise, to the left of the right road edge; null likewise.",
-          (-1e3, 1e3), nullable=True),
+          (-1e5, 1e5), nullable=True),
     Field("witness_speed_mps", "list of float32", "m/s", "Likewise, along the road; null likewise.", (-100.0, 200.0),
           nullable=True),
     Field("witness_heading_rad", "list of float32", "rad", "Likewise, counter-clockwise from the road's direction; "
-          "null likewise.", (-4.0, 4.0), nullable=True),
+          "null likewise.", (-13.0, 13.0), nullable=True),
     Field("witness_acceleration_mps2", "list of float32", "m/s2", "Commanded from each of its decisions on; null "
           "likewise.", (-100.0, 100.0), nullable=True),
     Field("witness_lane", "list of int8", "", "Target lane from each of its decisions on, at a site the route; "
