@@ -25,6 +25,7 @@ from cornerforge.rates.plain import ASKED, ENOUGH_TO_FORESEE, PlainTests, cost_o
 from cornerforge.rates.splitting import TREES, Splitting, kind_rates
 from cornerforge.results import NaturalRate, as_json
 from cornerforge.results.driving import Effort
+from cornerforge.types import Odd
 from cornerforge.verbs.options.driving import Rate
 
 __all__ = ["rate", "rate_without_copies", "why_only_counting"]
@@ -76,7 +77,7 @@ def _measured(options: Rate, weighted: str) -> NaturalRate:
     run = experiment(options.world(), takes_foreign=True, seed=options.seed)
     if options.model_draws:
         extension("model draws").check_model_draws(options.model_draws, run.model)
-    only_mc = why_only_counting(options.max_tests)
+    only_mc = why_only_counting(options.max_tests, run.odd)
     if options.method in ("is", "splitting") and only_mc is not None:
         raise InputError(f"Method {options.method} cannot be used: {only_mc}")
     folder = None if options.out is None else Path(options.out)
@@ -128,8 +129,10 @@ def _measured(options: Rate, weighted: str) -> NaturalRate:
 # Choosing
 
 
-def why_only_counting(max_tests: int) -> str | None:
+def why_only_counting(max_tests: int, odd: Odd) -> str | None:
     """Say why only counting is possible; None if trees and importance sampling are."""
+    if odd.site is not None:
+        return "at a site trees were not shown to agree with counting yet (ADR 86); leave out --method."
     if importlib.util.find_spec("torch") is None:
         return 'teaching needs torch; install it with: pip install "cornerforge[learn]"'
     from cornerforge.rates.teaching import TEACHING_TREES
@@ -144,8 +147,6 @@ def _why_counting(run: Experiment, counts: MonteCarlo, target: float) -> str | N
     """Say why counting is the faster way; None if trees are, or if it is not known."""
     if run.setting.road.stops:
         return "where lanes end or traffic stops, what is dangerous would have to be learned anew, for hours"
-    if run.odd.site is not None:
-        return "at a site trees are not known to be faster (ADR 86)"
     width = counts.half_width()
     if counts.av_crashes < ENOUGH_TO_FORESEE or width is None:
         return None
