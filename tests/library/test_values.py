@@ -64,7 +64,7 @@ TRACKS: list[tuple[str, Any, str]] = [
     ("x_m", put(5, math.inf), "-100000 to 100000 m"),
     ("y_m", put(5, 1e30), "-100000 to 100000 m"),
     ("speed_mps", put(5, 1e6), "-100 to 200"),
-    ("target_lane", put(5, 9), "-1 to 5"),
+    ("target_lane", put(5, 64), "-1 to 63"),
     ("length_m", put(0, -5.0), "0.1 to 100 m"),
     ("action", put(0, 40), "-1 to 32"),
     ("decision_log_prob_nde", put(1, 1.0), "at most 0"),
