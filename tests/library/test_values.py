@@ -56,7 +56,7 @@ CASES: list[tuple[str, Any, str]] = [
     ("critical_bv_action", put(0, 33), "-1 to 32"),
     ("history", put(0, 1e9), "-100000 to 100000"),
     ("bv_length_m", 0.0, "0.1 to 100 m"),
-    ("bv_kind", 3, "0 to 2"),
+    ("bv_kind", 4, "0 to 3"),
     ("trajectory_digest", None, "missing"),
 ]
 TRACKS: list[tuple[str, Any, str]] = [
