@@ -157,7 +157,8 @@ PUBLISHED: dict[str, Published] = {
     ),
     "overlooks_person": Published(
         8e-5, 8e-5, 0.07, "recalled",
-        f"{_HEART}. {_LOW_END}; in a simulator 4 to 9 % of left turns went without a look at the crosswalk (Hurwitz, news, read)",
+        f"{_HEART}. {_LOW_END}; in a simulator 4 to 9 % of left turns went without a look at the crosswalk "
+        "(Hurwitz, news, read)",
         "who does not look before the turn may still see in it; the upper end is no rate of crashes",
     ),
     "looks_away": Published(
