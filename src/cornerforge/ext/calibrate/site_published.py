@@ -163,7 +163,8 @@ PUBLISHED: dict[str, Published] = {
     ),
     "looks_away": Published(
         4e-4, 1e-4, 0.0085, "judged",
-        "the same law, to look away and go on, fits crashes on motorways with 4e-4 (ADR 27); looks up to 1 s are within "
+        "the same law, to look away and go on, fits crashes on motorways with 4e-4 (ADR 27); looks up to 1 s "
+        "are within "
         "the time in which drivers decide. Upper end: 17 % of time off the road, looks of about 1 s, 5 % of them over "
         "2 s (recalled), if such looks came at any time",
         "people look away while the gap stays the same (abstract of a study of car following, 2015, read): in streets "
