@@ -56,7 +56,7 @@ CASES: list[tuple[str, Any, str]] = [
     ("critical_bv_action", put(0, 33), "-1 to 32"),
     ("history", put(0, 1e9), "-100000 to 100000"),
     ("bv_length_m", 0.0, "0.1 to 100 m"),
-    ("bv_kind", 3, "0 to 2"),
+    ("bv_kind", 4, "0 to 3"),
     ("trajectory_digest", None, "missing"),
 ]
 TRACKS: list[tuple[str, Any, str]] = [
@@ -64,7 +64,7 @@ TRACKS: list[tuple[str, Any, str]] = [
     ("x_m", put(5, math.inf), "-100000 to 100000 m"),
     ("y_m", put(5, 1e30), "-100000 to 100000 m"),
     ("speed_mps", put(5, 1e6), "-100 to 200"),
-    ("target_lane", put(5, 9), "-1 to 5"),
+    ("target_lane", put(5, 64), "-1 to 63"),
     ("length_m", put(0, -5.0), "0.1 to 100 m"),
     ("action", put(0, 40), "-1 to 32"),
     ("decision_log_prob_nde", put(1, 1.0), "at most 0"),

@@ -13,6 +13,7 @@ import pytest
 from html_page import browse, needs_browser
 
 from cornerforge.experiment.setting import experiment
+from cornerforge.experiment.sites import demand_of, laws_named, odd_at, site_named
 from cornerforge.ext.pictures.player import player
 from cornerforge.ext.pictures.road_view import PRINT, SCREEN, RoadView
 from cornerforge.ext.pictures.strip import strip_figure
@@ -24,7 +25,7 @@ from cornerforge.report.site_surface import changes_of, site_surface
 from cornerforge.site.network import SITE_FILES, Site
 from cornerforge.site.signals import clock_in, letters_over
 from cornerforge.site.tables import letter_at, site_numbers, walk_letter
-from cornerforge.types import FRAME_S, PERSON, Scenario
+from cornerforge.types import FRAME_S, PERSON, Odd, Scenario
 from cornerforge.world_options import WorldOptions
 
 SIGNAL = "mcity-signal"
@@ -32,16 +33,15 @@ SIGNAL = "mcity-signal"
 
 @pytest.fixture(scope="module")
 def site() -> Site:
-    from cornerforge.experiment.sites import site_named
-
     return site_named(SIGNAL)
 
 
 @pytest.fixture(scope="module")
 def drives() -> list[Scenario]:
-    """Tests at the junction, one of which is a crash of the AV."""
-    with pytest.warns(UserWarning, match="Site:"):
-        recorder = experiment(WorldOptions(site=SIGNAL, av="creep")).recorder()
+    """Tests at the junction, where drivers err often; one is a crash of the AV."""
+    laws = replace(laws_named(None), overlooks_person=0.1, overlooks_vehicle=0.1, runs_red=0.1, looks_away=0.1)
+    odd = odd_at(Odd(), site_named(SIGNAL), laws, demand_of("vehicles=300,people=120"))
+    recorder = experiment(WorldOptions(av="creep"), road=odd).recorder()
     found = [recorder.record(1, test) for test in range(2)]
     crash = (recorder.record(1, test) for test in range(2, 20_000))
     return [*found, next(one for one in crash if one.crash is not None)]
@@ -59,8 +59,6 @@ def inside(points: np.ndarray, shape: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("name", sorted(SITE_FILES))
 def test_each_route_lies_on_asphalt_and_each_way_of_people_on_bars(name: str) -> None:
-    from cornerforge.experiment.sites import site_named
-
     site = site_named(name)
     surface = site_surface(site)
     assert len(surface.lanes) == len(site.vehicles)
@@ -78,8 +76,6 @@ def test_each_route_lies_on_asphalt_and_each_way_of_people_on_bars(name: str) ->
 
 @pytest.mark.parametrize("name", sorted(SITE_FILES))
 def test_no_edge_lies_within_a_lane(name: str) -> None:
-    from cornerforge.experiment.sites import site_named
-
     site = site_named(name)
     for edge in site_surface(site).edges:
         for k in site.vehicles:
@@ -133,7 +129,9 @@ def test_a_page_shows_vehicles_on_the_map(drives: list[Scenario]) -> None:
                 places = np.array([vehicle["x"], vehicle["y"]], dtype=float).T
                 places = places[np.isfinite(places).all(axis=1)]
                 on = np.any([inside(places, lane) for lane in lanes], axis=0)
-                assert on.mean() > 0.9, "at an end of a route the middle of a vehicle is on its edge"
+                assert (~on).sum() <= max(1.0, 0.1 * len(on)), (
+                    "at an end of a route the middle of a vehicle is on its edge"
+                )
         frames = data["frames"]
         assert all(light["from"][0] == 0 and light["from"][-1] < frames for light in data["site"]["lights"])
         assert all(len(light["from"]) == len(light["letters"]) for light in data["site"]["lights"])
