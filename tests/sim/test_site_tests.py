@@ -40,7 +40,9 @@ pytestmark = pytest.mark.filterwarnings("ignore:Site")
 
 def careless(name: str = "mcity-signal", **options: Any) -> Experiment:
     """A run at a site whose drivers overlook others often, so that few tests hold many crashes."""
-    laws = replace(laws_named(None), overlooks_person=0.1, overlooks_vehicle=0.1, runs_red=0.1, looks_away=0.1)
+    laws = replace(
+        laws_named(None), overlooks_person=0.1, overlooks_vehicle=0.1, runs_red=0.1, looks_away=0.5, looks_back=0.05
+    )
     odd = odd_at(Odd(), site_named(name), laws, demand_of("vehicles=300,people=120"))
     return experiment(WorldOptions(av="creep"), road=odd, **options)
 

@@ -15,7 +15,7 @@ import numpy as np
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import uniform
 from cornerforge.sim.actions import hold_from, nearest_action
-from cornerforge.sim.site.look import BLIND, LOOKED, STOPS
+from cornerforge.sim.site.look import BLIND, GOING, LOOKED, STOPS
 from cornerforge.sim.site.people import AT_KERB
 from cornerforge.sim.world import ALL_OF_THEM, NO_ACTION, NO_VEHICLE
 from cornerforge.site.tables import NOISE_CELLS
@@ -168,11 +168,13 @@ def act_at_site(w: World, i: int, action: int, road: RoadNumbers) -> None:
         _walk(w, i, action)
         return
     command = own.stops
+    own.marks &= ~GOING
     if action == GIVES_WAY:
         own.heeds = own.for_whom
         if own.chooses and own.for_whom == NO_VEHICLE:
             own.marks |= STOPS
     elif action == GOES:
+        own.marks |= GOING
         own.heeds = NO_VEHICLE
         own.cleared = max(own.cleared, own.until)
         if own.unseen:

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BLIND",
+    "GOING",
     "LOOKED",
     "OBEYS",
     "STOPS",
@@ -56,9 +57,10 @@ __all__ = [
     "will_stop",
 ]
 
-OBEYS, TURNS_ON_RED, STOPS, LOOKED, BLIND = (1 << k for k in range(5))
+OBEYS, TURNS_ON_RED, STOPS, LOOKED, BLIND, GOING = (1 << k for k in range(6))
 """Bits of `AGENT.marks`. Of a person: it never leaves the kerb on Don't Walk. Of a driver: it turns right on red; it
-has decided to stop at this light. Of a person: it has looked at the traffic once; it looks no more."""
+has decided to stop at this light. Of a person: it has looked at the traffic once; it looks no more. Of a driver: it
+chose to go in the last second."""
 WARM_STEP = 1 << 15
 """Numbers of decisions from here on are those of the warm-up."""
 _HARDEST = 8.0
@@ -73,7 +75,7 @@ _CLOSE = 0.3
 _MARGIN = 0.5
 """Drivers stop so far before the place in which they would be in the way [m], and leave others so much time [s]."""
 _PAST_LINE = 0.5
-_LEFT_KERB, _GOES = 0.05, 1
+_LEFT_KERB = 0.05
 _CRAWLS, _UNDER_WAY = 2.0, 1.0
 _STANDS = 0.5
 """Below this speed a vehicle stands [m/s]."""
@@ -370,7 +372,7 @@ def stands_still(me: Any) -> bool:
 def has_committed(w: World, j: int, begin: float) -> bool:
     """Has the driver in slot j decided to go through a zone that begins at `begin` [m], and does it?"""
     me, own = w.vehicles[j], w.agents[j]
-    goes = me.action == _GOES or (j == 0 and me.commanded > 0.0)
+    goes = w.agents[j].marks & GOING != 0 or (j == 0 and me.commanded > 0.0)
     return own.cleared > begin and (me.speed >= _UNDER_WAY or goes)
 
 
