@@ -129,9 +129,8 @@ def test_a_page_shows_vehicles_on_the_map(drives: list[Scenario]) -> None:
                 places = np.array([vehicle["x"], vehicle["y"]], dtype=float).T
                 places = places[np.isfinite(places).all(axis=1)]
                 on = np.any([inside(places, lane) for lane in lanes], axis=0)
-                assert (~on).sum() <= max(1.0, 0.1 * len(on)), (
-                    "at an end of a route the middle of a vehicle is on its edge"
-                )
+                # its middle is on the edge where a route begins, and at its end until the second is over
+                assert (~on).sum() <= 1 + 10
         frames = data["frames"]
         assert all(light["from"][0] == 0 and light["from"][-1] < frames for light in data["site"]["lights"])
         assert all(len(light["from"]) == len(light["letters"]) for light in data["site"]["lights"])
