@@ -32,7 +32,7 @@ OTHER_AV = {"check-av", "import", "cases from-data", "retest"}
 OWN = {
     "plausibility": {"budget"}, "reproduce": {"budget"}, "ndd import": {"model"}, "ndd show": {"model"},
     "ndd validate": {"model"}, "import": {"road"}, "road import": {"road"}, "road check": {"road"},
-    "road show": {"road"},
+    "road show": {"road"}, "site check": {"site"}, "site show": {"site"}, "site validate": {"site", "site_traffic", "site_laws"},
 }  # fmt: skip
 
 
@@ -42,7 +42,7 @@ def names(options: type) -> set[str]:
 
 def test_parts_of_a_world_are_options_of_the_world() -> None:
     asked = {"av_timeout", "av_python", "av_memory", "av_actions", "av_statistics"}
-    road = {"odd", "lanes", "road", "task", "traffic", "perception", "model"}
+    road = {"odd", "lanes", "road", "task", "traffic", "perception", "model", "site", "site_traffic", "site_laws"}
     assert names(RoadOptions) == road
     assert names(AvProcessOptions) == asked
     assert names(AvAskedOptions) == asked | {"av_batch", "av_processes"}

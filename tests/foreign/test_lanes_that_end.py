@@ -89,7 +89,7 @@ def test_limits_are_told() -> None:
 def test_where_lanes_go_on_nothing_more_is_told(odd: Odd) -> None:
     context = context_of(odd, batch=2, seed=0)
     stated = context.stated()
-    assert {**stated, "task": "through", "lanes": ()} == asdict(context)
+    assert {**stated, "task": "through", "lanes": (), "site": ""} == asdict(context)
     assert list(stated)[-1] == "most_lateral_acceleration"
     assert AvContext.of_stated(stated) == context
     assert context.lane_ends_in([-1, 0, 2, 3], 50.0).tolist() == [0.0, inf, inf, 0.0]

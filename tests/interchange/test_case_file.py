@@ -159,7 +159,8 @@ def test_the_schema_knows_what_the_code_knows() -> None:
     vehicle = parts["Vehicle"]
     assert vehicle["class"]["enum"] == sorted(one.name for one in CLASSES)
     assert [one["maximum"] for one in vehicle["actions"]["anyOf"] if "maximum" in one] == [N_ACTIONS - 1]
-    assert len(parts["Start"]) == len(scripted.START_FIELDS) - 3, "all but length, width and class"
+    assert len(parts["Start"]) == len(scripted.START_FIELDS) - 3 + 1, "all but length, width, class; and at_site"
+    assert len(parts["Agent"]) == len(scripted.AGENT_FIELDS)
 
 
 def test_the_schema_on_paper_is_made_of_the_types(golden: Callable[[str, str], None]) -> None:

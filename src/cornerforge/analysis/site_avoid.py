@@ -187,14 +187,13 @@ def ways_out_at_site(case: SiteCase, params: AvoidParams, scratch: SpeedSearch) 
             braking = frame
             break
     found = np.empty(0)
-    room = np.empty(len(s))
     for frame in range(case.last - 1, first - 1, -1):
         count = search_speeds(
-            forbidden, frame - first, _state(case, frame), origin, commands, every, case.road, scratch, room
+            forbidden, frame - first, _state(case, frame), origin, commands, every, case.road, scratch
         )
         if count <= 0:
             continue
-        profile = np.repeat(room[:count], every)[: len(s) - 1 - frame]
+        profile = np.repeat(scratch.found[:count], every)[: len(s) - 1 - frame]
         if touches_at(case, s, frame, _driven(case, frame, profile)) < 0:
             latest, found = frame, profile
             break

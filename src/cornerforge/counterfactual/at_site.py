@@ -44,6 +44,8 @@ _DS, _DV, _DA = 0.1, 0.2, 1.0
 """States of the search that are so near to one another count as one [m, m/s, m/s2]."""
 _PLACES, _SPEEDS, _RATES = 1400, 200, 16
 _LOWEST_RATE = -10.0
+_LONGEST = 36_100
+"""Frames of the longest recording."""
 _NODES = 200_000
 _BOXES = 64
 _FAR, _SLIVER = 80.0, 1e-9
@@ -59,6 +61,7 @@ class SpeedSearch(NamedTuple):
         seen: Number of the layer that saw a state, by its rounded values.
         counts: [number of the layer].
         boxes: Sets of places and speeds of two moments, (2, boxes, 4).
+        found: Accelerations of a way's decisions [m/s2], at least as many as there are.
     """
 
     state: NDArray[np.float64]
@@ -67,6 +70,7 @@ class SpeedSearch(NamedTuple):
     seen: NDArray[np.int32]
     counts: NDArray[np.int64]
     boxes: NDArray[np.float64]
+    found: NDArray[np.float64]
 
 
 def allocate_speed_search() -> SpeedSearch:
@@ -74,7 +78,7 @@ def allocate_speed_search() -> SpeedSearch:
     return SpeedSearch(
         np.empty((_NODES, 3)), np.empty(_NODES, np.int64), np.empty(_NODES, np.int64),
         np.zeros((_PLACES, _SPEEDS, _RATES), np.int32), np.zeros(1, np.int64),
-        np.empty((2, _BOXES, 4)),
+        np.empty((2, _BOXES, 4)), np.empty(_LONGEST),
     )  # fmt: skip
 
 
@@ -240,7 +244,7 @@ def drive_profile(
 @kernel
 def search_speeds(
     forbidden: NDArray[np.bool_], row: int, start: tuple[float, float, float], begin: float,
-    accelerations: NDArray[np.float64], every: int, road: RoadNumbers, scratch: SpeedSearch, out: NDArray[np.float64],
+    accelerations: NDArray[np.float64], every: int, road: RoadNumbers, scratch: SpeedSearch,
 ) -> int:  # fmt: skip
     """Look for accelerations, one each `every` frames, with which the AV touches nobody until the last row.
 
@@ -252,8 +256,7 @@ def search_speeds(
         accelerations: Those that it may command, (A,).
         every: Frames between two decisions.
         road: Constants.
-        scratch: Memory.
-        out: The accelerations of the decisions, (decisions,), if there is a way.
+        scratch: Memory; `found` holds the accelerations of the decisions, if there is a way.
 
     Returns:
         The number of decisions of a way; 0: none was found; -1: there were too many states.
@@ -299,7 +302,7 @@ def search_speeds(
         depth += 1
     node = first
     for k in range(depth):
-        out[depth - 1 - k] = accelerations[choice[node]]
+        scratch.found[depth - 1 - k] = accelerations[choice[node]]
         node = parent[node]
     return depth
 

@@ -184,12 +184,15 @@ def following_of(table: Table) -> Following:
 
 
 @kernel
-def _drive(start: Ints, gap: Floats, speed: Floats, moved: Floats, leader: Floats, own: Floats, noise: Floats,
-           p: IdmNumbers, out: Floats) -> None:  # fmt: skip
+def _drive(
+    start: Ints, rows: tuple[Floats, Floats, Floats, Floats], own: Floats, noise: Floats, p: IdmNumbers, out: Floats
+) -> None:
     """Drive each follower from its first row on behind its recorded leader, and write its gap into `out` (n,).
 
-    `own`: factor of each run's headway (R,). `noise`: acceleration added at each row (n,).
+    `rows`: `gap`, `speed`, `moved` and `leader` of the runs. `own`: factor of each run's headway (R,). `noise`:
+    acceleration added at each row (n,).
     """
+    gap, speed, moved, leader = rows
     for r in range(len(start) - 1):
         first = start[r]
         driver = IdmNumbers(
@@ -217,7 +220,7 @@ def driven(runs: Following, x: Floats, own: Floats | None = None, noise: Floats 
     out = np.empty_like(runs.gap)
     own = np.ones(runs.driver.size) if own is None else own
     noise = np.zeros_like(out) if noise is None else noise
-    _drive(runs.start, runs.gap, runs.speed, runs.moved, runs.leader, own, noise, _numbers(x), out)
+    _drive(runs.start, (runs.gap, runs.speed, runs.moved, runs.leader), own, noise, _numbers(x), out)
     return out
 
 

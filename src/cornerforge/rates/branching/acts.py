@@ -383,7 +383,6 @@ def _list_act(
 def _list_acts_at_site(
     w: World,
     n: int,
-    soon: float,
     total: float,
     least: float,
     ahead: Ahead,
@@ -394,8 +393,9 @@ def _list_acts_at_site(
     """List what the n-th near agent of a site may do: go, where it seldom does, and look away.
 
     Returns:
-        `soon`, and their chances times the dangers they add.
+        Their chances times the dangers they add.
     """
+    soon = 0.0
     near = s.near[n]
     away = steering.words_below(near.away)
     if 0 < near.low < _RARE_WORDS:
@@ -431,7 +431,7 @@ def list_acts(
         time = w.vehicles[near.slot].change_time
         away = steering.words_below(near.away)
         if at_site(setting.road.site):
-            soon = _list_acts_at_site(w, n, soon, total, least, ahead, setting, network, s)
+            soon += _list_acts_at_site(w, n, total, least, ahead, setting, network, s)
             continue
         if 0 < away < steering.ALL_WORDS:
             looks = Choice(n, LOOKS_AWAY, steering.AWAY, 0, away, near.lane, near.left)

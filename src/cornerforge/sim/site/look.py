@@ -430,24 +430,19 @@ def _surely_passes(w: World, j: int, to_other: float, leaves: float) -> bool:
 
 @inlined_kernel
 def _stays_able(
-    w: World,
-    i: int,
-    j: int,
-    zone: Any,
-    meeting: int,
-    to_zone: float,
-    to_other: float,
-    leaves: float,
-    fresh: bool,
-    clock: float,
+    w: World, i: int, j: int, meeting: int, ways: tuple[float, float, float], fresh: bool, clock: float,
     site: NDArray[np.void],
-) -> bool:
+) -> bool:  # fmt: skip
     """Keep slot i able to stop before a zone that slot j goes first through.
+
+    `ways`: how far i and j have to that zone [m], and when i leaves it [s].
 
     Returns:
         It passes before slot j, a person, all the same.
     """
     other = w.agents[j]
+    zone = site[0].zone[w.agents[i].route, other.route, meeting]
+    to_zone, to_other, leaves = ways
     first = goes_before(w, i, j, zone, to_zone, to_other, clock, site)
     if i == 0 and fresh:
         other.lets_av |= first << meeting
@@ -570,7 +565,7 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
             leaves = enters + (end - place - to_zone) / max(speed, 2.0)
             crossing = zone.other_end + theirs - other.s
             if span > to_zone - _EDGE and _stays_able(
-                w, i, j, zone, meeting, to_zone, to_other, leaves, fresh, clock, site
+                w, i, j, meeting, (to_zone, to_other, leaves), fresh, clock, site
             ):
                 waits_from, waits_to = min(waits_from, to_zone - _EDGE), min(waits_to, end)
             if to_other <= 0.0:
