@@ -32,7 +32,8 @@ OTHER_AV = {"check-av", "import", "cases from-data", "retest"}
 OWN = {
     "plausibility": {"budget"}, "reproduce": {"budget"}, "ndd import": {"model"}, "ndd show": {"model"},
     "ndd validate": {"model"}, "import": {"road"}, "road import": {"road"}, "road check": {"road"},
-    "road show": {"road"}, "site check": {"site"}, "site show": {"site"}, "site validate": {"site", "site_traffic", "site_laws"},
+    "road show": {"road"}, "site check": {"site"}, "site show": {"site"},
+    "site validate": {"site", "site_traffic", "site_laws"},
 }  # fmt: skip
 
 
