@@ -40,7 +40,7 @@ from cornerforge.results.rates import Yield
 from cornerforge.results.whole import Spending, SpentOn
 from cornerforge.sim import Tally, runner, statistics
 from cornerforge.types import FRAME_S, METRES_PER_MILE
-from cornerforge.verbs.options.whole import Run
+from cornerforge.verbs.options.whole import STAND_IN, STAND_IN_AT_SITE, Run
 from cornerforge.verbs.rate import PLAIN_TESTS
 from cornerforge.verbs.stages import HOURS, LIBRARY_FILES, Counted, Job, PlainRates, TrainedStage, exposure_counts
 from cornerforge.verbs.train import judge, yield_of
@@ -131,6 +131,9 @@ class _ByClock(Job):
 
     def __init__(self, options: Run, hours: float) -> None:
         self._started, stand_in = _clock(), options.stand_in
+        if options.site is not None and stand_in == STAND_IN:
+            stand_in = STAND_IN_AT_SITE
+        self._stand_in = stand_in
         if AvSpec(stand_in).is_outside:
             raise InputError(
                 f"stand_in = {stand_in!r} is not built in; name a built-in AV (cornerforge avs lists them)."
@@ -192,7 +195,7 @@ class _ByClock(Job):
             speed = _SAMPLE / max(tried[1], 1e-3)
         own = self.natural.seconds_of(threads, decisions=_DECISIONS) or _DECISIONS / _DECISIONS_PER_SECOND
         fits = int(_DECISIONS * TRAINING_SHARE * budget / own)
-        against = None if av is None or fits >= _LEAST_DECISIONS else self.options.stand_in
+        against = None if av is None or fits >= _LEAST_DECISIONS else self._stand_in
         if av is None or against is not None:
             fits = int(_STAND_IN_SHARE * budget * _DECISIONS_PER_SECOND)
         again = 3.5 if av is not None and av.remembers else 1.0

@@ -13,10 +13,10 @@ from cornerforge.verbs.options.cases import DEFAULT_LOOKS, LOOKS, REACTION
 from cornerforge.verbs.options.learning import REWARD
 from cornerforge.world_options import WorldOptions
 
-__all__ = ["COMMANDS", "STAND_IN", "Init", "MakeReport", "Run"]
+__all__ = ["COMMANDS", "STAND_IN", "STAND_IN_AT_SITE", "Init", "MakeReport", "Run"]
 
-STAND_IN = "idm-mobil"
-"""The AV that an adversary learns against when there is no time to learn against the AV under test."""
+STAND_IN, STAND_IN_AT_SITE = "idm-mobil", "idm-yield"
+"""AVs that an adversary learns against when there is no time to learn against the AV under test: on roads, at sites."""
 
 
 class Init(Options):
@@ -45,7 +45,8 @@ class Run(WorldOptions, Resumable, LongWork):
         ),
     ] = None  # fmt: skip
     stand_in: Annotated[
-        str, meant("Built-in AV to train against when the hours are too few to train against --av.")
+        str,
+        meant("Built-in AV to train against when the hours are too few to train against --av; at a site idm-yield."),
     ] = STAND_IN
     out: Annotated[Path | str, meant("Folder for everything; new or empty.")] = "cornerforge-out"
     reward: Annotated[str, REWARD] = "crash"
