@@ -21,7 +21,8 @@ from cornerforge.drivers.sight import Sight, SightNumbers, numbers_of_sight
 from cornerforge.errors import InputError, UnknownNameError
 
 __all__ = [
-    "AVS", "AV_KINDS", "SITE_AVS", "AvLaw", "AvModel", "AvNetwork", "AvNumbers", "av_hash", "av_named", "numbers_of_av",
+    "AVS", "AV_KINDS", "MANNERS", "SITE_AVS", "AvLaw", "AvModel", "AvNetwork", "AvNumbers", "Manner", "av_hash",
+    "av_named", "numbers_of_av",
 ]  # fmt: skip
 
 
@@ -63,31 +64,42 @@ perception or decision (`drivers.flawed`). junction: at sites only, on its route
 """
 
 
-@dataclass(frozen=True)
-class JunctionParams:
+class Manner(NamedTuple):
     """How an AV drives at a site, beside the laws of people there.
 
     Attributes:
-        headway, gaps, manners: Its factors of people's median time gap, critical gap and gap left to people.
+        headway, gaps, to_people: Its factors of people's median time gap, critical gap and gap left to people.
         creeps: It edges forward where it should wait.
         rss: It drives by RSS too (`AvModel.rss`).
     """
 
-    headway: float = 1.2
-    gaps: float = 1.3
-    manners: float = 2.0
+    headway: float
+    gaps: float
+    to_people: float
     creeps: bool = False
     rss: bool = False
 
 
-class JunctionNumbers(NamedTuple):
-    """`JunctionParams` as kernels take them."""
+MANNERS = {
+    "yield": Manner(1.2, 1.3, 2.0),
+    "rss": Manner(1.2, 1.3, 2.0, rss=True),
+    "creep": Manner(1.0, 0.8, 0.6, creeps=True),
+}
+"""Manners of driving at a site; kernels know them by their numbers, since more numbers would slow all AVs."""
 
-    headway: float
-    gaps: float
-    manners: float
-    creeps: bool
-    rss: bool
+
+@dataclass(frozen=True)
+class JunctionParams:
+    """In which manner an AV drives at a site, one of `MANNERS`.
+
+    Raises:
+        InputError: It is none of them.
+    """
+
+    manner: str = "yield"
+
+    def __post_init__(self) -> None:
+        check_in("junction.manner", self.manner, tuple(MANNERS))
 
 
 @dataclass(frozen=True)
@@ -253,12 +265,12 @@ AVS: dict[str, AvModel] = {
                 (
                     "rss-yield",
                     "keeps RSS distances, and enters only where none that goes first could come",
-                    JunctionParams(1.2, 1.3, 2.0, rss=True),
+                    JunctionParams("rss"),
                 ),
                 (
                     "creep",
                     "made bad on purpose: edges a metre into others' ways, takes short gaps, leaves people little room",
-                    JunctionParams(1.0, 0.8, 0.6, creeps=True),
+                    JunctionParams("creep"),
                 ),
             )
         ),
@@ -290,7 +302,7 @@ class AvNumbers(NamedTuple):
     network: PolicyNumbers
     careful: int
     flaw: int
-    junction: JunctionNumbers
+    junction: int
     hardest_braking: float
     strongest_acceleration: float
     sees_everybody: int
@@ -311,7 +323,7 @@ def numbers_of_av(model: AvModel) -> AvNumbers:
         network,
         CAREFUL[model.careful.driver],
         FLAWS[model.flawed.flaw],
-        JunctionNumbers(*astuple(model.junction)),
+        list(MANNERS).index(model.junction.manner),
         hardest_braking=model.idm.max_braking if law.hardest_braking is None else law.hardest_braking,
         strongest_acceleration=model.idm.max_acceleration
         if law.strongest_acceleration is None

@@ -276,7 +276,7 @@ def show_as_seen(w: World, substep: int, road: RoadNumbers, s: AvScratch) -> Non
     for i in range(w.state[0].n_vehicles):
         s.vehicles[i] = v[i]
         if at_site(road.site):
-            s.places[i] = w.agents[i].s
+            w.agents[i].kept = w.agents[i].s
         s.is_seen[i] = i == 0 or (v[i].present != 0 and _is_seen(w, i, second, road))
     for i in range(1, w.state[0].n_vehicles):
         if not s.is_seen[i]:
@@ -296,7 +296,7 @@ def show_as_is(w: World, road: RoadNumbers, s: AvScratch) -> None:
         for i in range(w.state[0].n_vehicles):
             w.vehicles[i] = s.vehicles[i]
             if at_site(road.site):
-                w.agents[i].s = s.places[i]
+                w.agents[i].s = w.agents[i].kept
         all_current(w)
 
 

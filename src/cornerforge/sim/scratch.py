@@ -26,8 +26,8 @@ _LAYER_ROWS = 4
 class AvScratch(NamedTuple):
     """Scratch for one decision of an AV: slots it sees, view, features; a learned AV's mask, layers and Q.
 
-    `vehicles`, `places`, `is_seen`: the vehicles as they are, where they are along their routes at a site, and which
-    the AV sees, while the world is as it perceives it (`perception.show_as_seen`).
+    `vehicles`, `is_seen`: the vehicles as they are, and which the AV sees, while the world is as it perceives it
+    (`perception.show_as_seen`).
     """
 
     found: NDArray[np.int64]
@@ -37,7 +37,6 @@ class AvScratch(NamedTuple):
     layers: NDArray[np.float32]
     q: NDArray[np.float32]
     vehicles: NDArray[np.void]
-    places: NDArray[np.float64]
     is_seen: NDArray[np.bool_]
 
 
@@ -90,7 +89,6 @@ def allocate_av_scratch(slots: int) -> AvScratch:
         layers=np.zeros((_LAYER_ROWS, LEARNED_WIDTH), dtype=np.float32),
         q=np.zeros(N_ACTIONS, dtype=np.float32),
         vehicles=np.zeros(slots, dtype=VEHICLE),
-        places=np.zeros(slots),
         is_seen=np.zeros(slots, dtype=np.bool_),
     )
 

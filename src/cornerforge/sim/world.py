@@ -143,6 +143,7 @@ AGENT = _record(
     ("until", "f8", "how far it would have decided to go [m]"),
     ("ratio", "f8", "to whoever looks at the moment: the gap before it over the critical gap"),
     ("begins", "f8", "and where the zone with it begins along that one's route [m]"),
+    ("kept", "f8", "its `s` while the world is as the AV perceives it [m]"),
     ("unseen", "i8", "1 if to go would mean that it overlooks `for_whom`"),
     ("lets_av", "i8", "bit k is 1 if it lets the AV go first in their k-th zone, since the second began"),
 )

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel, shared_kernel
+from cornerforge.drivers.avs import MANNERS
 from cornerforge.drivers.rss import rss_braking
 from cornerforge.sim.site.look import look_as_driver, seconds_of
 from cornerforge.sim.site.people import AT_KERB
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
 
 __all__ = ["junction_av_decides"]
 
+_EDGES_FORWARD = np.array([manner.creeps for manner in MANNERS.values()])
+_BY_RSS = np.array([manner.rss for manner in MANNERS.values()])
 _CREEPS, _NOSE = 1.5, 1.0
 """Speed at which the creeping AV edges forward [m/s], and how far into another's way [m]."""
 _CREEP_BRAKES = 2.0
@@ -145,8 +148,8 @@ def junction_av_decides(w: World, substep: int, road: RoadNumbers, av: AvNumbers
         command = own.free
     elif not own.chooses:
         command = own.free
-    elif av.junction.creeps and own.for_whom != NO_VEHICLE:
+    elif _EDGES_FORWARD[av.junction] and own.for_whom != NO_VEHICLE:
         return _creeping(w)
-    if av.junction.rss:
+    if _BY_RSS[av.junction]:
         command = min(command, max(-av.hardest_braking, _rss_bound(w, clock, road.site, av.rss)))
     return command

@@ -10,7 +10,7 @@ import numpy as np
 from cornerforge._elementary import exp, log
 from cornerforge._jit import inlined_kernel, kernel, shared_kernel
 from cornerforge._philox import PURPOSE_CLASS, PURPOSE_INITIAL, PURPOSE_TRAITS, block, normal_pair, uniform
-from cornerforge.drivers.avs import AvNumbers
+from cornerforge.drivers.avs import MANNERS, AvNumbers
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.sim.outcome import UNDRAWN
 from cornerforge.sim.site.look import OBEYS, TURNS_ON_RED, WARM_STEP
@@ -37,6 +37,7 @@ _TRUCK = (7.5, 2.3)
 """Length and width of trucks that come to junctions: of deliveries, for which Mcity's turns have room [m]."""
 _PERSON = (CLASSES[PERSON].length, CLASSES[PERSON].width)
 _SHARES = np.array(WALK_SHARES)
+_MANNERS = np.array([manner[:3] for manner in MANNERS.values()])
 _AV_FIRST = 3.0
 """None comes by the AV's lane within so long of it [s]."""
 _COMFORTABLE, _ROOM = 3.0, 4.0
@@ -186,7 +187,7 @@ def _put_av(w: World, av: AvNumbers, site: NDArray[np.void]) -> None:
         else:
             speed = min(speed, math.sqrt(v[j].speed * v[j].speed + 2.0 * _COMFORTABLE * room))
     own.stage = HERE
-    own.headway, own.gaps, own.manners = av.junction.headway, av.junction.gaps, av.junction.manners
+    own.headway, own.gaps, own.manners = _MANNERS[av.junction, 0], _MANNERS[av.junction, 1], _MANNERS[av.junction, 2]
     v[0].present = 1
     v[0].speed = speed
     v[0].speed_held = speed
