@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from cornerforge.drivers.avs import AVS, AvModel
+from cornerforge.drivers.avs import AVS, MANNERS, AvModel
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.setting import experiment
 from cornerforge.intervals import rate_ratio_interval
@@ -97,5 +97,5 @@ def test_the_creeping_av_crashes_more_often() -> None:
 def test_what_is_said_of_them_is_what_they_have() -> None:
     at_sites = {name: model for name, model in AVS.items() if model.kind == "junction"}
     assert set(at_sites) == {"idm-yield", "rss-yield", "creep"}
-    assert [model.junction.rss for model in at_sites.values()] == [False, True, False]
+    assert [MANNERS[model.junction.manner].rss for model in at_sites.values()] == [False, True, False]
     assert all(isinstance(model, AvModel) for model in at_sites.values())

@@ -16,7 +16,7 @@ from cornerforge.ext.calibrate.site_validating import ERRORS_OFF
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.results.stating import as_json
 from cornerforge.sim.motion import go_on
-from cornerforge.sim.site.look import held_then_stops_within, stops_within
+from cornerforge.sim.site.moves import held_then_stops_within, stops_within
 from cornerforge.site.tables import CROSS, NO_ZONE, longer, pose_at
 from cornerforge.work.files import write_json
 from cornerforge.world_options import WorldOptions

@@ -90,7 +90,7 @@ MANNERS = {
 
 @dataclass(frozen=True)
 class JunctionParams:
-    """In which manner an AV drives at a site, one of `MANNERS`.
+    """Name of the manner of an AV at a site, one of `MANNERS`.
 
     Raises:
         InputError: It is none of them.

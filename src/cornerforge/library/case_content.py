@@ -84,7 +84,7 @@ class AgentContent(Closed, frozen=True):
     s_m: Annotated[_Along, meant("Centre of the box along its route.", "m")]
     route: Annotated[int, meant("Index of its route.", "", 0, 63)]
     stage: Annotated[int, meant("0: it has not come yet; 1: it is there; 2: it has left.", "", 0, 2)]
-    marks: Annotated[int, meant("What it is like and has decided: `sim.site.look`.", "", 0, 63)]
+    marks: Annotated[int, meant("What it is like and has decided: `sim.site.claims`.", "", 0, 63)]
     enters_s: Annotated[float, meant("When it comes.", "s", -1e6, 1e6)]
     headway: Annotated[float, meant("Its factor of the time gap that it keeps.", "", 0, 1e3)]
     gaps: Annotated[float, meant("Its factor of critical gaps.", "", 0, 1e3)]

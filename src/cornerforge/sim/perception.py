@@ -296,7 +296,7 @@ def show_as_is(w: World, road: RoadNumbers, s: AvScratch) -> None:
         for i in range(w.state[0].n_vehicles):
             w.vehicles[i] = s.vehicles[i]
             if at_site(road.site):
-                w.agents[i].s = w.agents[i].kept
+                w.agents[i].s, w.agents[i].kept = w.agents[i].kept, 0.0
         all_current(w)
 
 

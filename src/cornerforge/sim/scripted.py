@@ -65,7 +65,6 @@ equally likely). In recordings it stands where a vehicle is absent, and means no
 TRAITS = ("quantile", "habit", "desired_speed", "change_time", "signals", "away", "noise", "inattention")
 """Traits of a driver; starts that were stored before drivers had them lack these fields (`average_traits`)."""
 _MOST_FAULTS = 20
-_NEVER = 1e6
 _LEAST_SIZE, _MOST_SIZE = (0.5, 0.3), (30.0, 4.0)
 """Length and width [m] that a vehicle on rails may have."""
 _FOLLOWING = ("x_held", "speed_held", "present", "action", "commanded", "acceleration_held")
@@ -454,7 +453,6 @@ class ScriptDriver(Recording):
         states["enters"] -= later
         for name in set(AGENT.names or ()) - set(AGENT_FIELDS):
             states[name] = 0
-        states["enters"] = np.minimum(states["enters"], _NEVER)
         return states
 
     def later(self, script: Script, decisions: int) -> Script | None:

@@ -126,7 +126,7 @@ AGENT = _record(
     ("s", "f8", "box centre along its route [m]"),
     ("route", "i8", "index of its route"),
     ("stage", "i8", "COMES, HERE or GONE"),
-    ("marks", "i8", "what it is like and has decided, a bit mask (`site_agents`)"),
+    ("marks", "i8", "what it is like and has decided, a bit mask (`site.claims`)"),
     ("enters", "f8", "when it comes, since the start [s]"),
     ("headway", "f8", "its factor of the time gap that it keeps"),
     ("gaps", "f8", "its factor of critical gaps"),
@@ -143,7 +143,7 @@ AGENT = _record(
     ("until", "f8", "how far it would have decided to go [m]"),
     ("ratio", "f8", "to whoever looks at the moment: the gap before it over the critical gap"),
     ("begins", "f8", "and where the zone with it begins along that one's route [m]"),
-    ("kept", "f8", "its `s` while the world is as the AV perceives it [m]"),
+    ("kept", "f8", "its `s` while the world is as the AV perceives it, else 0 [m]"),
     ("unseen", "i8", "1 if to go would mean that it overlooks `for_whom`"),
     ("lets_av", "i8", "bit k is 1 if it lets the AV go first in their k-th zone, since the second began"),
 )

@@ -16,7 +16,8 @@ import numpy as np
 from cornerforge._jit import inlined_kernel, kernel, shared_kernel
 from cornerforge.drivers.avs import MANNERS
 from cornerforge.drivers.rss import rss_braking
-from cornerforge.sim.site.look import look_as_driver, seconds_of
+from cornerforge.sim.site.look import look_as_driver
+from cornerforge.sim.site.moves import seconds_of
 from cornerforge.sim.site.people import AT_KERB
 from cornerforge.sim.world import NO_VEHICLE
 from cornerforge.site.tables import CROSS, GREEN, MEETINGS, NO_ZONE, YELLOW, letter_at, longer, mapped, walk_letter

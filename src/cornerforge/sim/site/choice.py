@@ -15,7 +15,7 @@ import numpy as np
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import uniform
 from cornerforge.sim.actions import hold_from, nearest_action
-from cornerforge.sim.site.look import BLIND, GOING, LOOKED, STOPS
+from cornerforge.sim.site.claims import BLIND, GOING, LOOKED, STOPS
 from cornerforge.sim.site.people import AT_KERB
 from cornerforge.sim.world import ALL_OF_THEM, NO_ACTION, NO_VEHICLE
 from cornerforge.site.tables import NOISE_CELLS

@@ -6,15 +6,36 @@ way, and, where it has to choose between the two, the chance that it goes. The l
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cornerforge._elementary import exp, log, sin_cos
+from cornerforge._elementary import exp, sin_cos
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.drivers.idm import IdmNumbers, free_acceleration, idm_acceleration
 from cornerforge.geometry import Box, boxes_overlap
+from cornerforge.sim.site.claims import (
+    AT_LINE,
+    BLIND,
+    PAST_LINE,
+    STOPS,
+    TURNS_ON_RED,
+    UNDER_WAY,
+    goes_before,
+    stands_still,
+    surely_passes,
+)
+from cornerforge.sim.site.moves import (
+    HARDEST,
+    STANDS,
+    STRONGEST,
+    held_then_stops_within,
+    still_stops,
+    sure,
+    time_to,
+    to_stop,
+    will_stop,
+)
 from cornerforge.sim.world import ALL_OF_THEM, NO_VEHICLE
 from cornerforge.site.network import TURNS
 from cornerforge.site.tables import (
@@ -26,7 +47,6 @@ from cornerforge.site.tables import (
     NO_ZONE,
     RED,
     SHARED,
-    WARM_UP,
     YELLOW,
     letter_at,
     longer,
@@ -43,43 +63,14 @@ if TYPE_CHECKING:
 
     from cornerforge.sim.world import World
 
-__all__ = [
-    "BLIND",
-    "GOING",
-    "LOOKED",
-    "OBEYS",
-    "STOPS",
-    "TURNS_ON_RED",
-    "look_as_driver",
-    "room_before",
-    "seconds_of",
-    "sure",
-    "will_stop",
-]
+__all__ = ["look_as_driver", "room_before"]
 
-OBEYS, TURNS_ON_RED, STOPS, LOOKED, BLIND, GOING = (1 << k for k in range(6))
-"""Bits of `AGENT.marks`. Of a person: it never leaves the kerb on Don't Walk. Of a driver: it turns right on red; it
-has decided to stop at this light. Of a person: it has looked at the traffic once; it looks no more. Of a driver: it
-chose to go in the last second."""
-WARM_STEP = 1 << 15
-"""Numbers of decisions from here on are those of the warm-up."""
-_HARDEST = 8.0
-_STRONGEST = 3.0
-_RAMP_TIME = 0.08
-"""An acceleration takes so long to change [s per m/s2], a little longer than it does (`experiment.sites`)."""
-_EXPECTED = 4.0
-"""A vehicle that needs to brake harder than this is thought not to stop [m/s2]."""
 _STEP, _FARTHEST = 0.5, 8.0
 _CLOSE = 0.3
 """Room that is kept to what stands ahead in a zone that both are in [m]."""
 _MARGIN = 0.5
 """Drivers stop so far before the place in which they would be in the way [m], and leave others so much time [s]."""
-_PAST_LINE = 0.5
-_LEFT_KERB = 0.05
-_CRAWLS, _UNDER_WAY = 2.0, 1.0
-_STANDS = 0.5
-"""Below this speed a vehicle stands [m/s]."""
-_AT_LINE = 5.0
+_CRAWLS = 2.0
 _LEFT, _RIGHT = TURNS.index("left"), TURNS.index("right")
 _SETS_OFF = 2.0
 """Acceleration at which others are thought to drive off [m/s2]."""
@@ -87,118 +78,13 @@ _NO_DOUBT = 3.0
 """A gap so many times the critical one is taken."""
 _LEAVES, _EDGE = 0.5, 0.1
 """Room that a driver leaves to its lead, and to a zone that is another's, however hard it has to brake [m]."""
-_SPURTS, _NEXT, _THROUGH = 1.5, 2.0, 0.5
-"""A person may come so much nearer in a second than it walks [m]; a driver passes before one that needs so long to the
-zone, and so much longer than itself to its end [s]."""
-_RAMP = 0.2
-"""Braking begins so late, because the acceleration must change first [s]."""
-_SLOPE, _BEND, _LEAST_ODDS = 1.5976, 0.07056, -30.0
-"""The normal law by exp alone, to 1.4e-4, and with its thin tails: Bowling et al. (2009), J. Ind. Eng. Manag. 2(1)."""
-
-
-@inlined_kernel
-def seconds_of(w: World) -> float:
-    """Compute the time since the start of the test at the coming decision [s], less than 0 in the warm-up."""
-    state = w.state[0]
-    if state.decisions >= WARM_STEP:
-        return float(state.decisions - WARM_STEP) - WARM_UP
-    return float(state.decisions)
-
-
-@inlined_kernel
-def sure(ratio: float, spread: float) -> float:
-    """Compute the chance that a gap of this ratio to the critical one is taken, if it is judged with such a spread."""
-    if ratio <= 0.0:
-        return 0.0
-    z = log(ratio) / spread
-    odds = z * (_SLOPE + _BEND * z * z)
-    return 1.0 / (1.0 + exp(-odds)) if odds > _LEAST_ODDS else 0.0
-
-
-@inlined_kernel
-def will_stop(speed: float, room: float) -> bool:
-    """Can a vehicle of a speed [m/s] be thought to stop within a room [m]?"""
-    return speed < _STANDS or 0.5 * speed * speed <= _EXPECTED * max(room, 0.0)
-
-
-@kernel
-def _to_stop(speed: float, room: float, braking: float) -> float:
-    """Compute the acceleration with which a vehicle stops within a room [m], if it decides again in a second [m/s2].
-
-    Gipps's (1981) rule with comfortable braking, or the braking that is needed.
-    """
-    room = max(room - _RAMP * speed, 0.0)
-    b = max(braking, 1.05 * 0.5 * speed * speed / max(room, 0.05))
-    inside = b * b + b * (2.0 * room - speed)
-    safe = -b + math.sqrt(max(inside, 0.0))
-    return max(-_HARDEST, max(safe, 0.0) - speed)
-
-
-@kernel
-def _time_to(room: float, speed: float, wanted: float, a: float) -> float:
-    """Compute the time over a distance [s] of a vehicle that accelerates from a speed to the wanted one [m/s]."""
-    if room <= 0.0:
-        return 0.0
-    if speed >= wanted:
-        return room / max(speed, 0.3)
-    way = 0.5 * (wanted * wanted - speed * speed) / a
-    if way >= room:
-        return (math.sqrt(speed * speed + 2.0 * a * room) - speed) / a
-    return (wanted - speed) / a + (room - way) / wanted
-
-
-@inlined_kernel
-def stops_within(speed: float, now: float) -> float:
-    """Bound the way on which a vehicle stops that brakes as hard as it can, from a speed and an acceleration [m]."""
-    late = max(now + _HARDEST, 0.0)
-    return speed * (late * late * _RAMP_TIME + speed) / (2.0 * _HARDEST)
-
-
-@kernel
-def held_then_stops_within(speed: float, now: float, command: float) -> float:
-    """Compute the way on which a vehicle stops that first goes to an acceleration `command` for a second [m].
-
-    Args:
-        speed: Its speed now [m/s].
-        now: Its acceleration now [m/s2].
-        command: The acceleration that it goes to [m/s2].
-    """
-    change = max(now, -math.sqrt(2.0 * speed / _RAMP_TIME)) - command  # it does not lose more than its speed
-    ramp = abs(change) * _RAMP_TIME
-    gained = 0.5 * change * ramp
-    after = speed + command + gained
-    if after < 0.0:
-        if command > -0.1:
-            return 0.3 * speed + 0.5 * max(command, 0.0) + stops_within(max(command, 0.0), command)
-        late = max(change, 0.0)
-        speed += 0.5 * max(now, 0.0) * max(now, 0.0) * _RAMP_TIME  # it goes faster first
-        return speed * (late * late * _RAMP_TIME + speed) / (-2.0 * command)
-    return speed + 0.5 * command + gained * (1.0 - ramp / 3.0) + stops_within(after, command)
-
-
-@kernel
-def _still_stops(speed: float, now: float, room: float, most: float) -> float:
-    """Find the largest acceleration, up to `most` [m/s2], after a second of which one can stop within `room` [m]."""
-    high = min(most, _STRONGEST)
-    if held_then_stops_within(speed, now, high) <= room:
-        return most
-    low = -_HARDEST
-    if held_then_stops_within(speed, now, low) >= room:
-        return low
-    for _ in range(6):
-        middle = 0.5 * (low + high)
-        if held_then_stops_within(speed, now, middle) <= room:
-            low = middle
-        else:
-            high = middle
-    return low
 
 
 @inlined_kernel
 def _keep_room(w: World, i: int, room: float) -> None:
     """Let slot i accelerate no more than leaves it able to stop within a room [m], whatever it does in this second."""
     me, own = w.vehicles[i], w.agents[i]
-    own.most = _still_stops(me.speed, me.acceleration, room, own.most)
+    own.most = still_stops(me.speed, me.acceleration, room, own.most)
 
 
 @inlined_kernel
@@ -209,7 +95,7 @@ def _follow(w: World, i: int, j: int, room: float, least: float, own: IdmNumbers
     ways meet.
     """
     me, lead = w.vehicles[i], w.vehicles[j]
-    _keep_room(w, i, max(room - _LEAVES + lead.speed * lead.speed / (2.0 * _HARDEST), least))
+    _keep_room(w, i, max(room - _LEAVES + lead.speed * lead.speed / (2.0 * HARDEST), least))
     return min(free, idm_acceleration(me.speed, max(room, least), lead.speed - me.speed, own))
 
 
@@ -254,19 +140,19 @@ def _light(w: World, i: int, clock: float, site: NDArray[np.void]) -> tuple[floa
     one, me, own = site[0], w.vehicles[i], w.agents[i]
     row = one.route[own.route]
     room: float = row.stop - own.s - 0.5 * me.length
-    if row.signal < 0 or room < -_PAST_LINE or own.cleared >= row.stop:
+    if row.signal < 0 or room < -PAST_LINE or own.cleared >= row.stop:
         return np.inf, False
     letter = letter_at(site, own.route, clock)
     needed = 0.5 * me.speed * me.speed / max(room, 0.1)
     if letter != RED and letter != YELLOW:
         own.marks &= ~STOPS
-        standing = me.speed < _STANDS and room < _AT_LINE
+        standing = me.speed < STANDS and room < AT_LINE
         late = standing and when_green(site, own.route, clock) < one.start_up * own.headway
         return (room if late else np.inf), False
-    if letter == RED and row.turn == _RIGHT and own.marks & TURNS_ON_RED and me.speed < 1.0 and room < _AT_LINE:
+    if letter == RED and row.turn == _RIGHT and own.marks & TURNS_ON_RED and me.speed < 1.0 and room < AT_LINE:
         return np.inf, True
     must_now = room - me.speed < 0.5 * me.speed * me.speed / one.stopping
-    if own.marks & STOPS == 0 and must_now and me.speed >= _STANDS:
+    if own.marks & STOPS == 0 and must_now and me.speed >= STANDS:
         own.chooses = 1
         own.for_whom = NO_VEHICLE
         own.until = row.stop + 0.01
@@ -274,7 +160,7 @@ def _light(w: World, i: int, clock: float, site: NDArray[np.void]) -> tuple[floa
         if letter == YELLOW:
             stays = exp(min((one.amber_braking - needed) / max(one.amber_spread, 0.01), 60.0))
             own.goes += (1.0 - one.runs_red) / (1.0 + stays)
-        if needed > _HARDEST:
+        if needed > HARDEST:
             own.goes = 1.0
     return room, False
 
@@ -289,7 +175,7 @@ def _kept_free(w: World, i: int, j: int, there: float, site: NDArray[np.void]) -
     row, me = site[0].route[w.agents[i].route], w.vehicles[i]
     room: float = row.stop - w.agents[i].s - 0.5 * me.length
     rear = there - 0.5 * w.vehicles[j].length
-    if room < -_PAST_LINE or there < row.stop or w.vehicles[j].speed > _CRAWLS or rear > row.leaves + me.length + 1.0:
+    if room < -PAST_LINE or there < row.stop or w.vehicles[j].speed > _CRAWLS or rear > row.leaves + me.length + 1.0:
         return np.inf
     return room
 
@@ -314,16 +200,16 @@ def _arrival(
         return (2, room / walks) if (zone.yields or other.s > 0.05) and may_walk else (0, np.inf)
     to_line = row.stop - other.s - 0.5 * v[j].length
     stopped = False
-    if row.signal >= 0 and to_line > -_PAST_LINE:
+    if row.signal >= 0 and to_line > -PAST_LINE:
         letter = letter_at(site, other.route, clock)
         if letter in (RED, YELLOW):
             if will_stop(speed, to_line):
                 return 0, np.inf
             stopped = True
-    arrival = _time_to(room, speed, max(row.limit, speed), _SETS_OFF)
+    arrival = time_to(room, speed, max(row.limit, speed), _SETS_OFF)
     if (zone.yields or on_red) and not stopped:
         return 2, arrival
-    goes = not will_stop(speed, room - _MARGIN) or (room < 1.0 and speed > _STANDS)
+    goes = not will_stop(speed, room - _MARGIN) or (room < 1.0 and speed > STANDS)
     return (1 if goes else 0), arrival
 
 
@@ -344,88 +230,6 @@ def _critical_gap(w: World, i: int, j: int, kind: int, site: NDArray[np.void]) -
         usual = one.gap_enter
     gap_needed: float = usual * own.gaps
     return gap_needed
-
-
-@inlined_kernel
-def is_held(w: World, j: int, clock: float, site: NDArray[np.void]) -> bool:
-    """Does a light hold the vehicle in slot j, which can stop for it?"""
-    me, own = w.vehicles[j], w.agents[j]
-    row = site[0].route[own.route]
-    room = row.stop - own.s - 0.5 * me.length
-    if row.signal < 0 or room < -_PAST_LINE or own.cleared >= row.stop:
-        return False
-    letter = letter_at(site, own.route, clock)
-    if letter != RED and (letter != YELLOW or own.marks & STOPS == 0):
-        return False
-    turns = letter == RED and row.turn == _RIGHT and own.marks & TURNS_ON_RED and me.speed < 1.0 and room < _AT_LINE
-    return not turns and will_stop(me.speed, room)
-
-
-@inlined_kernel
-def stands_still(me: Any) -> bool:
-    """Does a vehicle stand, and not set off?"""
-    still: bool = me.speed < _STANDS and me.commanded < 0.05
-    return still
-
-
-@inlined_kernel
-def has_committed(w: World, j: int, begin: float) -> bool:
-    """Has the driver in slot j decided to go through a zone that begins at `begin` [m], and does it?"""
-    me, own = w.vehicles[j], w.agents[j]
-    goes = w.agents[j].marks & GOING != 0 or (j == 0 and me.commanded > 0.0)
-    return own.cleared > begin and (me.speed >= _UNDER_WAY or goes)
-
-
-@kernel
-def _claim(w: World, j: int, to_zone: float, begin: float, first: bool, clock: float, site: NDArray[np.void]) -> int:
-    """Rank the claim of slot j on a zone, which it has `to_zone` [m] to: the higher one of two goes first.
-
-    Who is in it or cannot stop before it; then who has decided to go; then who has priority; last who has a red light.
-    Both compute it from the same state, so one of the two always keeps itself able to stop.
-    """
-    me, own = w.vehicles[j], w.agents[j]
-    if me.kind == PERSON:
-        if own.s > _LEFT_KERB:
-            return 7 if to_zone <= 0.0 else 3
-        if site[0].route[own.route].signal >= 0:
-            return 1 if walk_letter(site, own.route, clock) == GREEN else -3
-        return 1 if first else -3
-    if stops_within(me.speed, me.acceleration) > to_zone + 1e-6:
-        return 7 if to_zone <= 0.0 else 6
-    if is_held(w, j, clock, site):
-        return -2
-    claim = 2 if has_committed(w, j, begin) else 0
-    row = site[0].route[own.route]
-    if row.signal >= 0 and own.s + 0.5 * me.length < row.stop + _PAST_LINE and letter_at(site, own.route, clock) == RED:
-        return claim - 1
-    return claim + (1 if first and not stands_still(me) else 0)
-
-
-@kernel
-def goes_before(
-    w: World, i: int, j: int, zone: Any, to_zone: float, to_other: float, clock: float, site: NDArray[np.void]
-) -> bool:
-    """Does slot i go first through a zone, which it and slot j have `to_zone` and `to_other` [m] to?"""
-    mine = _claim(w, i, to_zone, zone.begin, zone.goes_first != 0 and zone.yields == 0, clock, site)
-    theirs = _claim(w, j, to_other, zone.other_begin, zone.yields != 0 and zone.goes_first == 0, clock, site)
-    soon, then = to_zone / (w.vehicles[i].speed + 1.0), to_other / (w.vehicles[j].speed + 1.0)
-    first: bool = mine > theirs or (mine == theirs and (soon < then or (soon == then and i < j)))
-    return first
-
-
-@inlined_kernel
-def _surely_passes(w: World, j: int, to_other: float, leaves: float) -> bool:
-    """May slot i enter a zone that slot j can claim, and leaves it after `leaves` [s]?
-
-    Yes if slot j can stop before it after a second, whatever that one does; and before a person that is not there yet.
-    """
-    other = w.vehicles[j]
-    if other.kind == PERSON:
-        time = (to_other - _SPURTS) / max(other.desired_speed, other.speed)
-        passes: bool = time >= _NEXT and leaves + _THROUGH < time
-    else:
-        passes = held_then_stops_within(other.speed, other.acceleration, _STRONGEST) <= to_other
-    return passes
 
 
 @inlined_kernel
@@ -450,7 +254,7 @@ def _stays_able(
         first = first and (other.lets_av >> meeting) & 1 != 0
     if first:
         return False
-    if _surely_passes(w, j, to_other, leaves):
+    if surely_passes(w, j, to_other, leaves):
         passes: bool = w.vehicles[j].kind == PERSON
         return passes
     _keep_room(w, i, to_zone - _EDGE)
@@ -467,8 +271,8 @@ def _chooses(w: World, i: int, nearest: float, until: float, site: NDArray[np.vo
     one, me, own = site[0], w.vehicles[i], w.agents[i]
     worst = _worst(w, i, until)
     left: float = nearest - longer(me.length, False) - own.s - _MARGIN
-    now = (me.speed < 1.0 and left < _AT_LINE) or left - me.speed < 0.5 * me.speed * me.speed / one.stopping
-    if now and 0.5 * me.speed * me.speed <= _HARDEST * max(left, 0.1):
+    now = (me.speed < 1.0 and left < AT_LINE) or left - me.speed < 0.5 * me.speed * me.speed / one.stopping
+    if now and 0.5 * me.speed * me.speed <= HARDEST * max(left, 0.1):
         taken = sure(w.agents[worst].ratio, one.gap_error)
         misses = one.overlooks_person if w.vehicles[worst].kind == PERSON else one.overlooks_vehicle
         if own.heeds == worst:
@@ -503,7 +307,7 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
     speed, place = me.speed, own.s
     wanted = max(0.5, me.desired_speed * speed_at(site, own.route, place + 0.5 * speed))
     strength = one.acceleration if me.kind == 0 else 0.6 * one.acceleration
-    idm = IdmNumbers(strength, one.braking, one.standstill, one.headway * own.headway, wanted, _HARDEST)
+    idm = IdmNumbers(strength, one.braking, one.standstill, one.headway * own.headway, wanted, HARDEST)
     free = free_acceleration(speed, idm) if speed <= wanted else max(-one.stopping, wanted - speed)
     own.chooses = 0
     own.goes = 1.0
@@ -516,7 +320,7 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
     room, on_red = _light(w, i, clock, site)
     lit = room < np.inf
     reach, waits_from, waits_to = np.inf, np.inf, np.inf
-    span = held_then_stops_within(speed, me.acceleration, _STRONGEST)
+    span = held_then_stops_within(speed, me.acceleration, STRONGEST)
     inside = place > one.route[own.route].stop
     nearest = np.inf
     until = 0.0
@@ -533,7 +337,7 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
             if other.s > place or (other.s == place and j < i):
                 free = _follow(w, i, j, other.s - place - half, -1.0, idm, free)
                 room = min(room, _kept_free(w, i, j, other.s, site))
-                reach = min(reach, other.s - half + v[j].speed * v[j].speed / (2.0 * _HARDEST))
+                reach = min(reach, other.s - half + v[j].speed * v[j].speed / (2.0 * HARDEST))
             continue
         for meeting in range(MEETINGS):
             zone = one.zone[own.route, other.route, meeting]
@@ -551,7 +355,7 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
                     ahead = there - place - half
                     free = _follow(w, i, j, ahead, to_zone - _EDGE, idm, free)
                     room = min(room, _kept_free(w, i, j, there, site))
-                    reach = min(reach, place + max(ahead, to_zone) + v[j].speed * v[j].speed / (2.0 * _HARDEST))
+                    reach = min(reach, place + max(ahead, to_zone) + v[j].speed * v[j].speed / (2.0 * HARDEST))
                 continue
             if zone.kind == DIVERGE or zone.kind == SHARED:
                 continue
@@ -561,7 +365,7 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
                     if ahead < np.inf:
                         _keep_room(w, i, ahead - _CLOSE)
                 continue
-            enters = _time_to(to_zone, speed, wanted, strength)
+            enters = time_to(to_zone, speed, wanted, strength)
             leaves = enters + (end - place - to_zone) / max(speed, 2.0)
             crossing = zone.other_end + theirs - other.s
             if span > to_zone - _EDGE and _stays_able(
@@ -570,18 +374,18 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
                 waits_from, waits_to = min(waits_from, to_zone - _EDGE), min(waits_to, end)
             if to_other <= 0.0:
                 if enters < crossing / max(v[j].speed, 0.3) + _MARGIN:
-                    own.most = min(own.most, _to_stop(speed, to_zone - _MARGIN, one.stopping))
+                    own.most = min(own.most, to_stop(speed, to_zone - _MARGIN, one.stopping))
                 continue
-            if speed < _UNDER_WAY and inside and v[j].kind != PERSON and stands_still(v[j]):
+            if speed < UNDER_WAY and inside and v[j].kind != PERSON and stands_still(v[j]):
                 continue
             owes, arrival = _arrival(w, j, zone, to_other, clock, on_red, site)
             if owes == 0 and zone.yields == 0 and zone.goes_first == 0 and arrival < enters:
                 owes = 1
             if owes == 0 or arrival + (crossing - to_other) / max(v[j].speed, 1.0) + _MARGIN < enters:
                 continue
-            if owes == 1 or (zone.begin < own.cleared and speed >= _UNDER_WAY):
+            if owes == 1 or (zone.begin < own.cleared and speed >= UNDER_WAY):
                 if arrival < leaves + _MARGIN and arrival < enters + 1.0:
-                    own.most = min(own.most, _to_stop(speed, to_zone - _MARGIN, one.stopping))
+                    own.most = min(own.most, to_stop(speed, to_zone - _MARGIN, one.stopping))
                 continue
             reaches = max(0.0, to_zone - 1.0) / max(speed, 3.0)
             ratio = (arrival - reaches) / _critical_gap(w, i, j, zone.kind, site)
@@ -596,7 +400,7 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
     if nearest < np.inf and not lit:
         room = min(room, _chooses(w, i, nearest, until, site))
     own.free = min(free, own.most)
-    own.stops = min(own.free, _to_stop(speed, room, one.stopping)) if room < np.inf else own.free
+    own.stops = min(own.free, to_stop(speed, room, one.stopping)) if room < np.inf else own.free
     if own.chooses == 0:
         own.free = own.stops
         if room < np.inf:

@@ -12,17 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.sim.site.look import (
-    BLIND,
-    LOOKED,
-    OBEYS,
-    has_committed,
-    held_then_stops_within,
-    is_held,
-    room_before,
-    stops_within,
-    sure,
-)
+from cornerforge.sim.site.claims import BLIND, LOOKED, OBEYS, has_committed, is_held
+from cornerforge.sim.site.look import room_before
+from cornerforge.sim.site.moves import held_then_stops_within, stops_within, sure
 from cornerforge.sim.world import NO_VEHICLE
 from cornerforge.site.tables import GREEN, MEETINGS, NO_ZONE, RED, longer, walk_letter
 from cornerforge.types import PERSON

@@ -14,7 +14,8 @@ from cornerforge.sim.controllers import HIDDEN
 from cornerforge.sim.motion import go_on
 from cornerforge.sim.outcome import COMPLETED
 from cornerforge.sim.site.choice import act_at_site, draw_action, natural_choice
-from cornerforge.sim.site.look import look_as_driver, seconds_of
+from cornerforge.sim.site.look import look_as_driver
+from cornerforge.sim.site.moves import seconds_of
 from cornerforge.sim.site.people import look_as_walker
 from cornerforge.sim.steering import steer_at_site
 from cornerforge.sim.world import COMES, GONE, HERE, NO_ACTION, moment_of

@@ -11,9 +11,11 @@ from cornerforge._elementary import exp, log
 from cornerforge._jit import inlined_kernel, kernel, shared_kernel
 from cornerforge._philox import PURPOSE_CLASS, PURPOSE_INITIAL, PURPOSE_TRAITS, block, normal_pair, uniform
 from cornerforge.drivers.avs import MANNERS, AvNumbers
+from cornerforge.errors import UndrawableError
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.sim.outcome import UNDRAWN
-from cornerforge.sim.site.look import OBEYS, TURNS_ON_RED, WARM_STEP
+from cornerforge.sim.site.claims import OBEYS, TURNS_ON_RED
+from cornerforge.sim.site.moves import WARM_STEP
 from cornerforge.sim.site.second import bring_in, find_pairs_at_site, warm_second
 from cornerforge.sim.world import COMES, GONE, HERE, NO_ACTION, NO_VEHICLE, list_all
 from cornerforge.site.laws import WALK_SHARES
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = ["reset_at_site"]
 
+_TOO_MANY = "more vehicles and people came than a world has room for; ask for fewer (site_traffic)."
 _CHANGE_TIME = 4.0
 """How long lane changes would take, if there were any [s]: a body of a recording has such a time."""
 _LEAST_HEADWAY = 2.0
@@ -182,8 +185,7 @@ def _put_av(w: World, av: AvNumbers, site: NDArray[np.void]) -> None:
         room = ahead - 0.5 * (v[0].length + v[j].length) - _ROOM
         if room < 0.0:
             v[j].present = 0
-            agents[j].stage = COMES
-            agents[j].enters = np.inf
+            agents[j].stage = GONE
         else:
             speed = min(speed, math.sqrt(v[j].speed * v[j].speed + 2.0 * _COMFORTABLE * room))
     own.stage = HERE
@@ -220,6 +222,9 @@ def reset_at_site(w: World, setting: Setting) -> None:
 
     The AV's route is drawn as those of others are. Nothing of the warm-up depends on the AV, but that none comes right
     before it by its lane, and what stands where it starts is taken away.
+
+    Raises:
+        UndrawableError: More come than a world has room for, as in one test of 1e9.
     """
     road = setting.road
     site, state = road.site, w.state[0]
@@ -234,7 +239,7 @@ def reset_at_site(w: World, setting: Setting) -> None:
     state.n_vehicles = 1
     if not _schedule(w, approach, float(road.max_decisions), site, car):
         state.outcome = UNDRAWN
-        return
+        raise UndrawableError(_TOO_MANY)
     state.decisions = WARM_STEP
     for _ in range(int(WARM_UP)):
         bring_in(w, site)

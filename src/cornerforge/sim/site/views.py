@@ -12,7 +12,7 @@ import numpy as np
 
 from cornerforge._elementary import sin_cos
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.sim.site.look import seconds_of
+from cornerforge.sim.site.moves import seconds_of
 from cornerforge.sim.world import NO_VEHICLE
 from cornerforge.site.network import TURNS
 from cornerforge.site.tables import (
