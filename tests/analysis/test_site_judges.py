@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from functools import cache
+
 import numpy as np
 import pytest
 from analysis.site_scenes import Agent, meeting, middle, name_at, odd_of, scene, steady
@@ -18,8 +21,9 @@ from cornerforge.counterfactual import drive_profile
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.recordings import recordings_of
 from cornerforge.road.straight import road_numbers
+from cornerforge.sim import NO_VEHICLE
 from cornerforge.site.tables import pose_at
-from cornerforge.types import FRAME_S, PERSON, Odd, Scenario
+from cornerforge.types import FRAME_S, PERSON, TRUCK, Odd, Scenario
 
 SIGNAL, CROSSING = odd_of("mcity-signal"), odd_of("mcity-crossing")
 NORTH_SOUTH, EAST_WEST = 1.0, 20.0
@@ -191,3 +195,44 @@ def test_a_turn_of_the_whole_site_changes_nothing() -> None:
         for route in (STRAIGHT, ACROSS, 1, 11)
     }
     assert kinds == {("rear-end by AV", "av")}
+
+
+@cache
+def behind_truck(speed: float, walks: float, *, truck: bool = True) -> Scenario:
+    """An AV straight on from the north past a truck that stands in the lane to its left; a person steps out before it.
+
+    The lane to the left is that of route 6. Person 13 comes from that side.
+    """
+    here, there = middle(SIGNAL, STRAIGHT, 13)
+    stop = road_numbers(SIGNAL).site[0]["route"][6]["stop"]
+    agents = [steady(STRAIGHT, here, 7.0, speed), steady(13, there, 7.0, walks, PERSON)]
+    half = 0.5 * SIGNAL.size_of(TRUCK)[0]
+    standing = [Agent(6, lambda _: float(stop) - half, TRUCK)] if truck else []
+    return at_clock(SIGNAL, [*agents, *standing], NORTH_SOUTH)
+
+
+def test_one_that_steps_out_behind_a_truck_is_named() -> None:
+    case = behind_truck(4.0, 1.4)
+    site = site_case(recordings_of(case), SIGNAL)
+    hider, frame = site.came_out
+    assert hider == 2
+    # the line from the AV's middle to the person passes the truck's nearer front corner then
+    x, y = case.x[frame], case.y[frame]
+    heading = case.heading[frame, 2]
+    corner = np.array([x[2], y[2]]) + 0.5 * case.length[2] * np.array([np.cos(heading), np.sin(heading)])
+    corner += 0.5 * case.width[2] * np.array([np.sin(heading), -np.cos(heading)])
+    ray = np.arctan2(y[1] - y[0], x[1] - x[0]) - np.arctan2(corner[1] - y[0], corner[0] - x[0])
+    away = np.hypot(x[1] - x[0], y[1] - y[0])
+    assert abs((ray + np.pi) % (2.0 * np.pi) - np.pi) * away < 0.6
+    assert re.search(r"; a truck that stood hid it from the AV until \d\.\d s before$", what_happened(case))
+    assert conduct_at(case) == "overlooks-hidden-people"
+    free = behind_truck(4.0, 1.4, truck=False)
+    assert site_case(recordings_of(free), SIGNAL).came_out == (NO_VEHICLE, -1)
+    assert "hid" not in what_happened(free)
+    assert conduct_at(free) == "drives-on"
+
+
+def test_a_careful_driver_sees_through_no_vehicle() -> None:
+    """At 6 m/s it stops for a person at 2.4 m/s only if it sees the person before the truck uncovers it."""
+    assert prevented_by(behind_truck(6.0, 2.4, truck=False))["cc-human"].prevented
+    assert not prevented_by(behind_truck(6.0, 2.4))["cc-human"].prevented

@@ -15,9 +15,9 @@ from cornerforge.experiment.setting import experiment
 from cornerforge.intervals import binomial_interval
 from cornerforge.perception import Perception
 from cornerforge.sim import perceived, reset_world, simulate
-from cornerforge.sim.perception import _is_hidden, lose_controlled, show_as_is, show_as_seen
+from cornerforge.sim.perception import _hider, lose_controlled, show_as_is, show_as_seen
 from cornerforge.sim.scratch import allocate_av_scratch
-from cornerforge.sim.world import HERE, allocate_worlds, world_of
+from cornerforge.sim.world import HERE, NO_VEHICLE, allocate_worlds, world_of
 from cornerforge.site.tables import WALK, nearest_place, pose_at
 from cornerforge.types import PERSON, TRUCK, Scenario
 from cornerforge.world_options import WorldOptions
@@ -131,7 +131,7 @@ def stood(heading: float, person_at: tuple[float, float], truck_at: tuple[float,
         v = w.vehicles[slot]
         v["x"], v["y"], v["heading"] = 10.0 + x * c - y * s, -20.0 + x * s + y * c, heading + turned
         v["kind"], v["length"], v["width"], v["present"] = kind, *size, 1
-    return bool(_is_hidden(w, 1, True))
+    return bool(_hider(w, 1, True) != NO_VEHICLE)
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.7, 2.0, -2.6])

@@ -38,7 +38,8 @@ The last two stand in for rules 5 and 6 where both fit.
 
 At a site the rules are those of `site_conduct`: what the AV did by the light, right of way, crosswalk or RSS
 (`runs-red`, `does-not-yield`, `does-not-yield-to-people`, `enters-blocked`, `drives-on`, `brakes-late`,
-`does-not-brake`), else rule 6 with the one careful driver that there is.
+`does-not-brake`), else rule 6 with the one careful driver that there is; `overlooks-hidden-people` and
+`overlooks-hidden` instead where the other came out from behind a vehicle within 3 s before.
 
 Cut in by another vehicle too near for most of them, struck from behind or from the side while it kept its lane and
 speed, an AV has done nothing wrong by these rules.
@@ -85,6 +86,8 @@ CONDUCTS: dict[str, str] = {
     "does-not-yield-to-people": "it does not give way to a person on a crosswalk",
     "enters-blocked": "it drives into a junction that another has not left",
     "drives-on": "it goes first, and does not brake for one that is in its way",
+    "overlooks-hidden-people": "it does not reckon with a person that comes out from behind a vehicle",
+    "overlooks-hidden": "it does not reckon with a vehicle that comes out from behind another",
 }
 """Name and meaning of each conduct, by code."""
 IN_SHORT: dict[str, str] = {
@@ -108,12 +111,15 @@ IN_SHORT: dict[str, str] = {
     "does-not-yield-to-people": "does not give way to people",
     "enters-blocked": "enters before others have left",
     "drives-on": "does not brake for what is in its way",
+    "overlooks-hidden-people": "overlooks people that a vehicle had hidden",
+    "overlooks-hidden": "overlooks vehicles that another had hidden",
 }
 """Each conduct in a few words, after "it"."""
 NO_CONDUCT = "none"
 (
     _NONE, _HESITATES, _NOT_BEHIND, _NOT_BESIDE, _LATE, _WEAK, _STOPS, _NEVER, _CLOSE, _CUTS_IN, _HARD, _REACTS,
     _MERGES, _BLOCKS, _AT_END, _RED, _NOT_YIELDS, _NOT_YIELDS_TO_PEOPLE, _ENTERS, _DRIVES_ON,
+    _HIDDEN_PEOPLE, _HIDDEN,
 ) = range(len(CONDUCTS))  # fmt: skip
 
 CONDUCT_COLUMNS: tuple[Field, ...] = (
@@ -453,7 +459,7 @@ class Conduct:
         """Mark the cases in which it did what it could have left out (rules 1, 2, 4, 5 and 7 to 9), bool (S,)."""
         left_out = (
             _HESITATES, _NOT_BEHIND, _NOT_BESIDE, _CUTS_IN, _CLOSE, _HARD, _MERGES, _BLOCKS, _AT_END, _RED, _NOT_YIELDS,
-            _NOT_YIELDS_TO_PEOPLE, _ENTERS,
+            _NOT_YIELDS_TO_PEOPLE, _ENTERS, _HIDDEN_PEOPLE, _HIDDEN,
         )  # fmt: skip
         return np.isin(self.code, left_out)
 

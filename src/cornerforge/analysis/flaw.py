@@ -40,6 +40,8 @@ FLAWS: dict[str, str] = {
     "does-not-yield-to-people": "does not give way to people on crosswalks",
     "enters-blocked": "drives into junctions that others have not left",
     "drives-on": "does not brake for what is in its way",
+    "overlooks-hidden-people": "overlooks people that come out from behind a vehicle",
+    "overlooks-hidden": "overlooks vehicles that come out from behind another",
 }
 """Name of each flaw, and what the AV does, after "This AV"."""
 
@@ -63,6 +65,8 @@ _ALONE = (
     "does-not-yield-to-people",
     "enters-blocked",
     "drives-on",
+    "overlooks-hidden-people",
+    "overlooks-hidden",
 )
 _GROUPS = (*((name,) for name in _ALONE), _CHANGES, _INTO_REAR, _REACTS)
 _BRAKES_TOO_LITTLE = ("brakes-late", "brakes-weakly", *_INTO_REAR, *_REACTS)

@@ -11,12 +11,14 @@ person when it left the kerb, a vehicle when it could no longer stop before the 
 since when the one behind was faster.
 
 *A careful driver*: `cc-human` of UN Regulation 157, the others of `CAREFUL` know lanes and are left out. The regulation
-gives no driver for crossing traffic or people; it asks for no crash with a person that crosses at up to 5 km/h before
-a vehicle of up to 60 km/h (5.2.5.3). So this is stated here: the driver keeps the rules that it is bound by (it
-stops before the zone, or the line, with 3 m/s2 at most where the AV did not). It sees danger when the other is on
-the road (a person) or could stop no longer with 4 m/s2 (a vehicle), and both would be in the zone within 0.5 s of one
-another at their speeds; behind another, when the time to collision falls below 2 s. That has to last 0.4 s;
-0.75 s later it brakes, with 0.774 g at most and 12.65 m/s3 (Annex 3, its times for a cut-in), until it stands.
+gives no driver for crossing traffic or people; it asks for no crash with a person that crosses at up to 5 km/h before a
+vehicle of up to 60 km/h (5.2.5.3). So this is stated here: the driver keeps the rules that it is bound by (it stops
+before the zone, or the line, with 3 m/s2 at most where the AV did not), but knows of nothing that a vehicle that moves
+hides; where one stands it stops too: none may pass a vehicle that stands at a crosswalk (Uniform Vehicle Code,
+11-502(d)). It sees danger when the other is in sight, on the road (a person) or could stop no longer with 4 m/s2 (a
+vehicle), and both would be in the zone within 0.5 s of one another at their speeds; behind another, when the time to
+collision falls below 2 s. That has to last 0.4 s; 0.75 s later it brakes, with 0.774 g at most and 12.65 m/s3 (Annex 3,
+its times for a cut-in), until it stands.
 """
 
 from __future__ import annotations
@@ -50,6 +52,7 @@ from cornerforge.counterfactual import (
     search_speeds,
 )  # fmt: skip
 from cornerforge.drivers.careful import CC_BRAKING, CC_DELAY
+from cornerforge.sim import NO_VEHICLE
 from cornerforge.site.tables import pose_at
 from cornerforge.types import FRAME_S
 
@@ -282,7 +285,9 @@ def _keeps_rules(case: SiteCase, s: NDArray[np.float64]) -> tuple[int, NDArray[n
     if broken is None or broken.av[0] not in (RAN_RED, DID_NOT_GIVE_WAY, DID_NOT_GIVE_WAY_TO_PERSON, DROVE_IN):
         return None
     begin = max(case.first, commits(case, 0, at_line=broken.av[0] == RAN_RED, braking=_COMFORTABLE) - 3)
-    if begin >= case.last:
+    hider = int(case.hidden_by[begin])
+    is_unknown = broken.av[0] != RAN_RED and hider != NO_VEHICLE and case.speed[begin, hider] > _STANDS
+    if begin >= case.last or is_unknown:
         return None
     free, track = _held(case, s, begin, -_COMFORTABLE)
     return (begin, track) if free else None
@@ -301,6 +306,8 @@ def _sees_danger(case: SiteCase) -> int:
 
 def _is_danger(case: SiteCase, frame: int) -> bool:
     other = case.partner
+    if case.hidden_by[frame] != NO_VEHICLE:
+        return False
     v_av, v = float(case.speed[frame, 0]), float(case.speed[frame, other])
     if np.isfinite(case.in_line[frame, other]):
         gap = float(case.in_line[frame, other] - case.s[frame, 0]) - 0.5 * float(case.sizes[[0, other], 0].sum())

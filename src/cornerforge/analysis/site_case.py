@@ -25,6 +25,7 @@ from cornerforge.analysis.contact import FRONT, REAR, find_contact
 from cornerforge.counterfactual import places_along, rooms_to
 from cornerforge.recordings import Recordings, recordings_of
 from cornerforge.road.straight import RoadNumbers, road_numbers
+from cornerforge.sim import NO_VEHICLE, hidden_by
 from cornerforge.site.network import TURNS, Route, Site
 from cornerforge.site.signals import clock_in, clock_of
 from cornerforge.site.tables import (
@@ -38,7 +39,7 @@ from cornerforge.site.tables import (
 )  # fmt: skip
 from cornerforge.types import FRAME_S, PERSON, Odd, Scenario
 
-__all__ = ["KINDS_AT_SITES", "SiteCase", "case_of", "in_av_frame", "kind_at_site", "site_case"]
+__all__ = ["CAME_OUT_S", "KINDS_AT_SITES", "SiteCase", "case_of", "in_av_frame", "kind_at_site", "site_case"]
 
 KINDS_AT_SITES: dict[str, str] = {
     "person-right-turn": "AV on a way to the right and a person on a crosswalk",
@@ -59,6 +60,8 @@ _SAME, _FACING = math.radians(40.0), math.radians(90.0)
 _IN_LINE = 0.5
 _KERB = 0.05
 """A person within so much of its route's begin has not left the kerb [m], as in `sim.site.people`."""
+CAME_OUT_S, _HIDDEN_S = 3.0, 0.5
+"""One that was hidden until so short before the contact, for so long at least, came out from behind a vehicle [s]."""
 _PAST_LINE = 0.5
 """A front so far behind a stop line has passed it [m]."""
 _STANDS = 0.5
@@ -167,6 +170,30 @@ class SiteCase:
         """First frame from which on agent i, AV or partner, is in the zone, or behind it."""
         before = np.flatnonzero(self.s[:, i] < self.zone_of(i)[0])
         return max(self.first, min(int(before[-1]) + 1, self.last)) if before.size else self.first
+
+    @cached_property
+    def hidden_by(self) -> NDArray[np.int64]:
+        """Column of the vehicle that hid the partner from the AV's middle in each frame; NO_VEHICLE: in sight, (T,)."""
+        pose = np.stack([self.x, self.y, self.heading], axis=-1)
+        return hidden_by(self.road, pose, self.sizes, self.kind, self.partner)
+
+    def in_sight(self, frame: int) -> int:
+        """First frame from a frame on in which no vehicle hides the partner from the AV; at most the contact's."""
+        seen = np.flatnonzero(self.hidden_by[frame:] == NO_VEHICLE)
+        return frame + int(seen[0]) if seen.size else self.last
+
+    @cached_property
+    def came_out(self) -> tuple[int, int]:
+        """Vehicle behind which the partner was hidden until shortly before, and its last frame there.
+
+        Until within `CAME_OUT_S` of the contact, for `_HIDDEN_S` at least; (NO_VEHICLE, -1) else.
+        """
+        hidden = self.hidden_by != NO_VEHICLE
+        recent = hidden[-round((CAME_OUT_S + _HIDDEN_S) / FRAME_S) - 1 :]
+        frames = np.flatnonzero(hidden)
+        if recent.sum() * FRAME_S < _HIDDEN_S or (self.last - frames[-1]) * FRAME_S > CAME_OUT_S:
+            return NO_VEHICLE, -1
+        return int(self.hidden_by[frames[-1]]), int(frames[-1])
 
     def passes_line(self, i: int) -> int:
         """First frame in which the front of vehicle i is past its stop line; -1: it was from the start, or never is."""

@@ -1,4 +1,7 @@
-"""The AV's own mistakes at a site: the rule that it broke (`site_fault`), else that it did not react as it could."""
+"""The AV's own mistakes at a site: the rule that it broke (`site_fault`), else that it did not react as it could.
+
+Where the other came out from behind a vehicle within 3 s before, the mistake is not to have reckoned with it.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,7 @@ from cornerforge.analysis.fault import (
 from cornerforge.analysis.site_case import SiteCase, kind_at_site, site_case
 from cornerforge.analysis.site_fault import faults_at_site
 from cornerforge.recordings import Recordings
+from cornerforge.sim import NO_VEHICLE
 from cornerforge.types import FRAME_S, Odd
 
 __all__ = ["conduct_at_site", "side_at_site"]
@@ -29,6 +33,8 @@ _OF_RULE = {
     RULES[DROVE_IN]: "enters-blocked",
     RULES[DID_NOT_BRAKE_FOR]: "drives-on",
 }
+_OVERLOOKS = ("does-not-yield", "does-not-yield-to-people", "enters-blocked", "drives-on", "reacts-late")
+"""Mistakes that are those of one that does not reckon with what it cannot see, where the other came out of hiding."""
 _SECOND = round(1.0 / FRAME_S)
 _BRAKES = -1.0
 
@@ -58,6 +64,8 @@ def conduct_at_site(
             name = "brakes-late" if braked else "does-not-brake"
         elif name == "none" and reacts[k] >= 0 and kind_at_site(case) != "rear-end-by-bv":
             name, before = "reacts-late", float(reacts[k])
+        if name in _OVERLOOKS and case.came_out[0] != NO_VEHICLE:
+            name = "overlooks-hidden-people" if case.is_person(case.partner) else "overlooks-hidden"
         found.append((name, side_at_site(case), round(before)))
     return found
 

@@ -13,8 +13,8 @@ RSS says of routes that cross that right of way is given and not taken. So, for 
    and the AV could stop when it left. The AV is at fault if it comes into its way after that. Else the person is: on
    Don't Walk (flashing too), right before a vehicle, or into one that was in its way already.
 4. *Nobody may drive on into danger.* A vehicle that goes first must brake for one that is in its way: from when that
-   one is there, or on the road, and it could not stop later, it has its response time, then brakes with at least
-   `min_braking` until it stands.
+   one is there, or on the road, in its sight, and it could not stop later, it has its response time, then brakes with
+   at least `min_braking` until it stands. The AV sees what no vehicle hides (`SiteCase.hidden_by`).
 5. *Following.* Front against rear on one way: the rules of RSS along it (`fault`), unless the one ahead came into the
    lane from a way that yields within the last `MERGED_S`; then rule 2.
 
@@ -189,7 +189,8 @@ def _of_vehicles(case: SiteCase, rules: RssRules) -> Broken:
             soon = next((f for f in (case.comes_into_zone(i), frame) if _is_cut_off(case, j, f, duties[j])), frame)
             if frame >= enters[j] or _is_cut_off(case, j, soon, duties[j]):
                 broken[i] = rule, soon
-        late = _did_not_brake(case, j, frame, duties[j]) if frame < enters[j] else -1
+        seen = case.in_sight(frame) if j == 0 else frame
+        late = _did_not_brake(case, j, seen, duties[j]) if seen < enters[j] else -1
         if late >= 0 and j not in broken:
             broken[j] = DID_NOT_BRAKE_FOR, late
     none = NO_RULE, 0
@@ -216,7 +217,7 @@ def _with_person(case: SiteCase, rules: RssRules) -> Broken:
     elif not red:
         av = DID_NOT_GIVE_WAY_TO_PERSON, entered
     if av[0] == NO_RULE and entered > left:
-        late = _did_not_brake(case, 0, seen, duties)
+        late = _did_not_brake(case, 0, case.in_sight(seen), duties)
         av = (DID_NOT_BRAKE_FOR, late) if late >= 0 else av
     return Broken(av, other, min(seen, entered), case.first)
 

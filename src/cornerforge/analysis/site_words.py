@@ -19,8 +19,9 @@ from cornerforge.analysis.fault import (
 from cornerforge.analysis.site_case import SiteCase, case_of, kind_at_site
 from cornerforge.analysis.site_conduct import side_at_site
 from cornerforge.analysis.site_fault import AT_SITE, broken_at_site
+from cornerforge.sim import NO_VEHICLE
 from cornerforge.site.tables import GREEN, YELLOW
-from cornerforge.types import CLASSES, Scenario
+from cornerforge.types import CLASSES, FRAME_S, Scenario
 
 __all__ = ["said_of", "what_happened_at_site"]
 
@@ -46,7 +47,7 @@ def said_of(case: SiteCase) -> str:
     other, kind = case.partner, kind_at_site(case)
     own = f"The AV, {_doing(case)}"
     if case.is_person(other):
-        return f"{own}, {_met(case)} a person {_walking(case)}{_by_rules(case)}"
+        return f"{own}, {_met(case)} a person {_walking(case)}{_by_rules(case)}{_from_behind(case)}"
     name = _name(case)
     speed = float(case.speed[-1, other])
     if kind == "rear-end-by-av":
@@ -56,7 +57,7 @@ def said_of(case: SiteCase) -> str:
         return f"{own}, was hit from behind by a {name} at {_fast(speed)}{_by_rules(case)}"
     at = "and had stopped" if speed < _STANDS else f"at {_fast(speed)}"
     did = f"{_TURNED[case.way(other).turn]}{_whence(case)} {at}"
-    return f"{own}, {_met(case)} a {name} that {did}{_by_rules(case)}"
+    return f"{own}, {_met(case)} a {name} that {did}{_by_rules(case)}{_from_behind(case)}"
 
 
 def _fast(speed: float) -> str:
@@ -66,6 +67,18 @@ def _fast(speed: float) -> str:
 
 def _name(case: SiteCase) -> str:
     return CLASSES[int(case.kind[case.partner])].name
+
+
+def _from_behind(case: SiteCase) -> str:
+    """Say behind what the other was hidden from the AV until shortly before."""
+    hider, frame = case.came_out
+    if hider == NO_VEHICLE:
+        return ""
+    stood = "stood" if case.speed[frame, hider] < _STANDS else f"drove at {_fast(float(case.speed[frame, hider]))}"
+    what = f"a {CLASSES[int(case.kind[hider])].name} that {stood}"
+    if frame == case.last:
+        return f"; {what} hid it from the AV"
+    return f"; {what} hid it from the AV until {(case.last - frame) * FRAME_S:.1f} s before"
 
 
 def _doing(case: SiteCase) -> str:

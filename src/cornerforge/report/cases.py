@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from cornerforge.analysis.avoidability import WayOut
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.metrics.risk import lane_ttc, plane_ttc
+from cornerforge.perception import Perception
 from cornerforge.report.site_surface import changes_of, site_surface
 from cornerforge.report.surface import surface_of
 from cornerforge.road.straight import along
@@ -76,7 +77,8 @@ def case_data(
     lines of `report.surface`, as lists, null for infinite; it is absent on a road of `lanes` that all go on. At a site
     `site` holds `report.site_surface` instead, each shape as x, y, x, y, ..., each light with the frames from which it
     shows the letters; x is east of where the AV was at the start, y north, and no vehicle has a lane. Where the AV's
-    perception is not perfect, `seenX` and `seenY` of a vehicle say where the AV saw it, null where it did not.
+    perception is not perfect, `seenX` and `seenY` of a vehicle say where the AV saw it, null where it did not. At a
+    site where it is, they are null where a vehicle hides it from the AV's middle, and `lineOfSight` is true.
 
     Args:
         case_id: Name of the case, `seed:test`.
@@ -94,7 +96,10 @@ def case_data(
     near = _near(scenario, first, told)
     columns = [int(c) for c in np.flatnonzero(near.any(axis=0))]
     position = {column: i for i, column in enumerate(columns)}
-    seen = None if scenario.odd.perception is None else perceived(scenario)
+    told_all = scenario.odd.perception is None
+    by_line = told_all and scenario.odd.site is not None
+    odd = replace(scenario.odd, perception=Perception(occlusion=True)) if by_line else scenario.odd
+    seen = None if odd.perception is None else perceived(replace(scenario, odd=odd))
     return {
         "id": case_id,
         "dt": FRAME_S,
@@ -103,6 +108,7 @@ def case_data(
         "lanes": scenario.odd.n_lanes,
         "laneWidth": scenario.odd.lane_width,
         **(_surface(scenario) if scenario.odd.site is None else _site(scenario, scenario.odd.site, first)),
+        **({"lineOfSight": True} if by_line else {}),
         "maxSpeed": scenario.odd.max_speed,
         "vehicles": [_vehicle(scenario, column, near[:, column], first, seen) for column in columns],
         "wayOut": None if way_out is None else ghost(scenario, way_out, first),

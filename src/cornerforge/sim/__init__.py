@@ -8,8 +8,8 @@ of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs
   kernels, `world_row` take one of them, `n_slots` says how many vehicles have room. `reset_world` puts it at the start
   of a test, which (seed, test) and the setting determine; `naming_tests` names the test that cannot be drawn. `outcome`
   (a module) has the codes of how it stands and ended; `ALL_OF_THEM`, where a slot would be, says that a driver at a
-  site overlooks all. `copy_of`, `branch_of` (up to `MAX_BRANCH`), `packed` and `unpacked` copy, branch and store it at
-  any moment; `moment_of` numbers the moment for random words.
+  site overlooks all, `NO_VEHICLE` that there is none. `copy_of`, `branch_of` (up to `MAX_BRANCH`), `packed` and
+  `unpacked` copy, branch and store it at any moment; `moment_of` numbers the moment for random words.
 - *Setting*, constant in a run. `Setting`: road, AV, naturalistic model and controllers; `controllers` (a module) says
   what drives the AV, the critical BV (the BV nearest to the AV) and the other BVs.
 - *Advance*. `advance` is the one loop. It returns when the test is over (`OVER`), after `until` seconds of the test
@@ -22,7 +22,7 @@ of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs
 - *Drive*: thin callers of the loop. `simulate` sums tests up in a `Tally`, `runner` has its parts; `Recorder` records
   one test in full, `recorder` makes cases of it, `harvest` collects cases in bulk; `ScriptDriver` drives a `Script`
   (`scripted`, `rails`); `lockstep` is for AVs in other processes. `perceived` says where an AV saw others in a
-  recording.
+  recording, `hidden_by` which vehicle hid them from it at a site.
 - *Views*: sizes and versions of what is seen by the adversary (`observe`), by an AV (`av_view`, `av_scene`), and by
   the learned AV (`av_features`).
 - *Parts* of a second, for kernels of other packages: `perception` shows a world as the AV sees it; then
@@ -90,7 +90,7 @@ if TYPE_CHECKING:
         answer_as_bv,
         look_as_bv,
     )
-    from cornerforge.sim.perception import perceived
+    from cornerforge.sim.perception import hidden_by, perceived
     from cornerforge.sim.recorder import Recorder
     from cornerforge.sim.runner import Tally, simulate
     from cornerforge.sim.scratch import Scratch, allocate_scratch, warn_of_left_out
@@ -105,6 +105,7 @@ if TYPE_CHECKING:
     from cornerforge.sim.world import (
         ALL_OF_THEM,
         MAX_BRANCH,
+        NO_VEHICLE,
         World,
         all_current,
         allocate_worlds,
@@ -115,15 +116,15 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
-    "ALL_OF_THEM", "AV_MUST_ANSWER", "BV_MUST_ANSWER", "MAX_BRANCH", "MILESTONE", "NEVER", "OVER", "Keep", "Recorder",
-    "Scratch", "Script", "ScriptDriver", "Setting", "Tally", "World", "actions", "advance", "all_current",
+    "ALL_OF_THEM", "AV_MUST_ANSWER", "BV_MUST_ANSWER", "MAX_BRANCH", "MILESTONE", "NEVER", "NO_VEHICLE", "OVER", "Keep",
+    "Recorder", "Scratch", "Script", "ScriptDriver", "Setting", "Tally", "World", "actions", "advance", "all_current",
     "allocate_recording", "allocate_scratch", "allocate_worlds", "answer_as_av", "answer_as_bv", "av_decide",
     "av_features", "av_scene", "av_view", "away_chance", "bicycle", "braking", "branch_of", "bring_up_to_date",
     "built_in_av_decides", "chances", "choose_action", "controllers", "copy_of", "forget_frames", "harvest",
-    "keep_nothing", "keep_whole_test", "lockstep", "look_around", "look_as_bv", "meeting_with_av", "moment_of",
-    "motion", "n_slots", "naming_tests", "neighbours", "observe", "outcome", "packed", "perceived", "perception",
-    "rails", "recorder", "reset_world", "runner", "scripted", "simulate", "statistics", "steering", "unpacked",
-    "warn_of_left_out", "world_of", "world_row",
+    "hidden_by", "keep_nothing", "keep_whole_test", "lockstep", "look_around", "look_as_bv", "meeting_with_av",
+    "moment_of", "motion", "n_slots", "naming_tests", "neighbours", "observe", "outcome", "packed", "perceived",
+    "perception", "rails", "recorder", "reset_world", "runner", "scripted", "simulate", "statistics", "steering",
+    "unpacked", "warn_of_left_out", "world_of", "world_row",
 ]  # fmt: skip
 
 FOR_PROGRAMS = (
@@ -136,8 +137,8 @@ FOR_PROGRAMS = (
 
 _PLACES: dict[str, tuple[str, ...]] = {
     "world": (
-        "ALL_OF_THEM", "MAX_BRANCH", "World", "all_current", "allocate_worlds", "moment_of", "n_slots", "world_of",
-        "world_row",
+        "ALL_OF_THEM", "MAX_BRANCH", "NO_VEHICLE", "World", "all_current", "allocate_worlds", "moment_of", "n_slots",
+        "world_of", "world_row",
     ),
     "site.choice": ("away_chance",),
     "site.second": ("look_around",),
@@ -156,7 +157,7 @@ _PLACES: dict[str, tuple[str, ...]] = {
     "recorder": ("Recorder",),
     "scripted": ("Script", "ScriptDriver"),
     "av": ("av_decide",),
-    "perception": ("perceived",),
+    "perception": ("hidden_by", "perceived"),
     "av_kinds": ("built_in_av_decides",),
     "adversaries": ("choose_action",),
     "": (

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 __all__ = [
     "MOST_HIDDEN",
     "begin_to_remember",
+    "hidden_by",
     "lose_controlled",
     "losses_price",
     "perceived",
@@ -199,8 +200,10 @@ def _enters(at: float, way: float, low: float, high: float, first: float, last: 
 
 
 @kernel
-def _is_hidden(w: World, i: int, turned: bool) -> bool:
-    """Do other vehicles hide vehicle i wholly from the AV's middle? Boxes are opaque; people hide nothing.
+def _hider(w: World, i: int, turned: bool) -> int:
+    """Which vehicle hides vehicle i from the AV's middle, if others hide it wholly; else NO_VEHICLE.
+
+    Boxes are opaque; people hide nothing. Where several hide it together, the one before its middle.
 
     `turned`: boxes stand as their headings say, at a site; else along the road.
     """
@@ -222,6 +225,7 @@ def _is_hidden(w: World, i: int, turned: bool) -> bool:
             low, low_x, low_y = aside, x, y
         if aside > high:
             high, high_x, high_y = aside, x, y
+    hider = NO_VEHICLE
     for ray in range(_RAYS):
         part = _INSET + (1.0 - 2.0 * _INSET) * ray / (_RAYS - 1)
         x = low_x + part * (high_x - low_x)
@@ -242,10 +246,12 @@ def _is_hidden(w: World, i: int, turned: bool) -> bool:
             first, last = _enters(0.0, over, aside - 0.5 * v[j].width, aside + 0.5 * v[j].width, first, last)
             if first < last:
                 free = False
+                if ray <= _RAYS // 2:
+                    hider = j
                 break
         if free:
-            return False
-    return True
+            return NO_VEHICLE
+    return hider
 
 
 @inlined_kernel
@@ -254,7 +260,7 @@ def _is_seen(w: World, i: int, second: int, road: RoadNumbers) -> bool:
     dx, dy = ahead_by(v, 0, i), v[i].y - v[0].y
     if dx * dx + dy * dy > p.range * p.range or _is_lost(w, i, second, road):
         return False
-    return not (p.occlusion and _is_hidden(w, i, at_site(road.site)))
+    return not (p.occlusion and _hider(w, i, at_site(road.site)) != NO_VEHICLE)
 
 
 @kernel
@@ -389,6 +395,39 @@ def _put(
         if frame == 0:
             begin_to_remember(w, road)
         remember(w, substep)
+
+
+@kernel
+def _hide(w: World, pose: NDArray[np.float64], who: int, out: NDArray[np.int64]) -> None:
+    v = w.vehicles
+    for frame in range(pose.shape[0]):
+        for i in range(w.state[0].n_vehicles):
+            v[i].present = 0 if math.isnan(pose[frame, i, 0]) else 1
+            v[i].x, v[i].y, v[i].heading = pose[frame, i, 0], pose[frame, i, 1], pose[frame, i, 2]
+        out[frame] = _hider(w, who, True) if v[who].present else NO_VEHICLE
+
+
+def hidden_by(
+    road: RoadNumbers, pose: NDArray[np.float64], sizes: NDArray[np.float64], kind: NDArray[np.int64], who: int
+) -> NDArray[np.int64]:
+    """Say which vehicle of a site hid an agent from the AV's middle, whatever the AV perceived.
+
+    Args:
+        road: Constants of the site.
+        pose: x, y [m] and heading [rad] of each agent, the AV first, (T, N, 3); NaN where it is not there.
+        sizes: Length and width of each [m], (N, 2).
+        kind: Class of each, (N,).
+        who: Column of the agent.
+
+    Returns:
+        Column of the vehicle that hides it wholly, alone or with others, (T,); NO_VEHICLE where none does.
+    """
+    w = world_of(allocate_worlds(1, len(sizes), road))
+    w.state[0]["n_vehicles"] = len(sizes)
+    w.vehicles["length"], w.vehicles["width"], w.vehicles["kind"] = sizes[:, 0], sizes[:, 1], kind
+    out = np.empty(len(pose), np.int64)
+    _hide(w, pose, who, out)
+    return out
 
 
 @kernel

@@ -21,7 +21,7 @@ export interface Motion {
 export interface Vehicle extends Motion {
   readonly slot: number;
   readonly kind: Kind;
-  /** Where the AV saw it; null: it did not. Absent where the AV sees all there is. */
+  /** Where the AV saw it; null: it did not, or (`lineOfSight`) a vehicle hid it. Absent where the AV sees all there is. */
   readonly seenX?: readonly (number | null)[];
   readonly seenY?: readonly (number | null)[];
 }
@@ -63,6 +63,8 @@ export interface Case {
   };
   /** The junction, instead of a road. */
   readonly site?: Site;
+  /** The AV is told all; `seenX` and `seenY` say what no vehicle hides from it. */
+  readonly lineOfSight?: boolean;
   readonly maxSpeed: number;
   readonly vehicles: readonly Vehicle[];
   /** The AV on its last way out. */

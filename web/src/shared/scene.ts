@@ -375,7 +375,7 @@ export function drawScene(canvas: HTMLCanvasElement, item: Case, frame: number, 
   if (item.crash !== null && frame >= item.crash && partner) drawContact(g, view, av, partner, colours);
   if (!look.detail) return;
   const isBrief = view.scale <= 5;
-  const saw = (i: number) => (seenAt(item.vehicles[i]!, frame) === null ? ", not seen" : "");
+  const saw = (i: number) => (seenAt(item.vehicles[i]!, frame) === null ? (item.lineOfSight ? ", hidden" : ", not seen") : "");
   // The two that meet carry their names on the sides turned away from each other.
   const below = (i: number) => (partner !== null && isOfPair(i) ? (i === 0) === av.y < partner.y : false);
   const named = [0, ...(partner && isSeen(partner) ? [item.partner] : []), ...(isBrief ? [] : others)];

@@ -544,7 +544,7 @@
     if (item.crash !== null && frame >= item.crash && partner) drawContact(g, view, av, partner, colours);
     if (!look.detail) return;
     const isBrief = view.scale <= 5;
-    const saw = (i) => seenAt(item.vehicles[i], frame) === null ? ", not seen" : "";
+    const saw = (i) => seenAt(item.vehicles[i], frame) === null ? item.lineOfSight ? ", hidden" : ", not seen" : "";
     const below = (i) => partner !== null && isOfPair(i) ? i === 0 === av.y < partner.y : false;
     const named = [0, ...partner && isSeen(partner) ? [item.partner] : [], ...isBrief ? [] : others];
     const names = named.map((i) => ({

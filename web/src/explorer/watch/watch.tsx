@@ -146,7 +146,7 @@ function Watched({ about, item }: { about: About; item: WatchedCase }) {
           </div>
           <Transport manoeuvre={manoeuvre} width={width} />
           <Readout />
-          <Key isSite={item.site !== undefined} hasPeople={item.vehicles.some(({ kind }) => kind === "person")} perceives={item.vehicles.some((one) => one.seenX)} hasPartner={item.partner > 0} isControlled={item.critical.some((index) => index > 0)} />
+          <Key isSite={item.site !== undefined} hasPeople={item.vehicles.some(({ kind }) => kind === "person")} perceives={item.vehicles.some((one) => one.seenX)} isTold={item.lineOfSight === true} hasPartner={item.partner > 0} isControlled={item.critical.some((index) => index > 0)} />
           <GhostToggles item={item} drivers={about.drivers} loaded={drivers} />
           <Beside about={about} caseKey={item.key} />
           {isLater.value && <Charts manoeuvre={manoeuvre} />}
@@ -173,7 +173,7 @@ function shadesOf(item: WatchedCase, known: Readonly<Record<string, Ghost>>, wan
   return [...way, ...found];
 }
 
-function Key({ hasPartner, isControlled, perceives, isSite, hasPeople }: { hasPartner: boolean; isControlled: boolean; perceives: boolean; isSite: boolean; hasPeople: boolean }) {
+function Key({ hasPartner, isControlled, perceives, isTold, isSite, hasPeople }: { hasPartner: boolean; isControlled: boolean; perceives: boolean; isTold: boolean; isSite: boolean; hasPeople: boolean }) {
   return (
     <ul class="key" aria-label="Key to the picture">
       <li><span class="box av" />AV</li>
@@ -187,7 +187,7 @@ function Key({ hasPartner, isControlled, perceives, isSite, hasPeople }: { hasPa
       {camera.value === "above" ? (
         <>
           {!isSite && <li>dashed arrow: lane change</li>}
-          {perceives && <li>faint: the AV does not see it; dashed box: where it sees it</li>}
+          {perceives && <li>{isTold ? "faint: a vehicle hides it from the AV" : "faint: the AV does not see it; dashed box: where it sees it"}</li>}
           <li>line behind: the last 3 s, a dot each second</li>
           <li>numbers: speed [m/s]</li>
         </>
