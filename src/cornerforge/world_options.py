@@ -100,8 +100,8 @@ class RoadOptions(_World):
         str | None,
         meant(
             "Junction instead of a road (`cornerforge site show` draws it): mcity-signal, mcity-crossing, "
-            "mcity-roundabout, or a FILE of `site import`.",
-            near=("mcity-signal", "mcity-crossing", "mcity-roundabout"),
+            "mcity-two-lanes, mcity-roundabout, or a FILE of `site import`.",
+            near=("mcity-signal", "mcity-crossing", "mcity-two-lanes", "mcity-roundabout"),
             metavar="NAME|FILE",
         ),
     ] = None

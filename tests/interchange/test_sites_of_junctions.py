@@ -41,6 +41,7 @@ def zones() -> tuple[Zone, ...]:
 
 def test_shipped_sites_are_made_of_the_network(ring: Site) -> None:
     assert read_site("mcity-crossing") == site_of_sumo(MCITY, "J5,NODE_27", over=True)
+    assert read_site("mcity-two-lanes") == site_of_sumo(MCITY, "NODE_19", over=True)
     assert read_site("mcity-roundabout") == with_entries_that_yield(ring)
 
 

@@ -23,7 +23,7 @@ from cornerforge.world_options import WorldOptions
 
 pytestmark = pytest.mark.filterwarnings("ignore:Site")
 
-SITES = ("mcity-signal", "mcity-crossing", "mcity-roundabout")
+SITES = ("mcity-signal", "mcity-crossing", "mcity-two-lanes", "mcity-roundabout")
 HARDEST = -8.0
 TRUCK = (7.5, 2.3)
 

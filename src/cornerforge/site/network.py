@@ -18,11 +18,13 @@ __all__ = ["SITE_FILES", "STEP", "TURNS", "Phase", "Route", "Site", "Turn", "hea
 
 Turn = Literal["straight", "left", "right", "back", "walk"]
 SITE_FILES = {
-    name: Path(__file__).with_name(f"{name}.json") for name in ("mcity-signal", "mcity-crossing", "mcity-roundabout")
+    name: Path(__file__).with_name(f"{name}.json")
+    for name in ("mcity-signal", "mcity-crossing", "mcity-two-lanes", "mcity-roundabout")
 }
 """Sites that come with cornerforge, of the Mcity test facility: junction NODE_18, its programme of signals mended; the
-crosswalk between junctions at J5 and NODE_27; and its roundabout of four arms. From the University of Michigan's
-network (mcity/TeraSim, Apache-2.0, `mcity.LICENSE.txt`); notes in each say what differs from it."""
+crosswalk between junctions at J5 and NODE_27; that over two lanes that lead one way at NODE_19; and its roundabout of
+four arms. From the University of Michigan's network (mcity/TeraSim, Apache-2.0, `mcity.LICENSE.txt`); notes in each say
+what differs from it."""
 TURNS: tuple[Turn, ...] = ("straight", "left", "right", "back", "walk")
 """Where a route leads from its approach; "walk": it is of people."""
 STEP = 1.0

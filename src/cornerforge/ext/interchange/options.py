@@ -128,7 +128,9 @@ class RoadShow(Watched):
     out: Annotated[Path | str | None, meant("New picture, .png or .svg.")] = None
 
 
-_SITE = meant("mcity-signal, mcity-crossing, mcity-roundabout, or a file of `site import`.", metavar="NAME|FILE")
+_SITE = meant(
+    "mcity-signal, mcity-crossing, mcity-two-lanes, mcity-roundabout, or a file of `site import`.", metavar="NAME|FILE"
+)
 
 
 class SiteImport(Watched):
