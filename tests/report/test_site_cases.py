@@ -225,3 +225,34 @@ def test_a_browser_draws_the_lights_of_the_moment(drives: list[Scenario], tmp_pa
         assert seen <= {colours[letter] for letter in letters}, clock
         found |= seen
     assert found == {"red", "amber", "green"}, "not every light is in the picture each time"
+
+
+def test_what_a_vehicle_hides_is_not_seen(drives: list[Scenario]) -> None:
+    """A vehicle cuts the line from the AV's middle to that of one that is not seen, but where two hide a part each."""
+    cut = []
+    for drive in drives:
+        told = case_data("1:1", drive)
+        assert told["lineOfSight"]
+        for one in told["vehicles"][1:]:
+            (column,) = np.flatnonzero(drive.slot == one["slot"])
+            first = told["first"] + one["from"]
+            there = zip(one["x"], one["seenX"], strict=True)
+            lost = [first + k for k, (x, seen) in enumerate(there) if x is not None and seen is None]
+            cut += [is_cut(drive, frame, int(column)) for frame in lost]
+    assert len(cut) > 100
+    assert np.mean(cut) > 0.9
+
+
+def is_cut(drive: Scenario, frame: int, column: int) -> bool:
+    """Does a vehicle's box hold a point of the line from the AV to another, tried at 400 of them?"""
+    part = np.linspace(0.0, 1.0, 400)
+    x, y = (v[frame, 0] + part * (v[frame, column] - v[frame, 0]) for v in (drive.x, drive.y))
+    for j in range(1, len(drive.slot)):
+        if j == column or drive.kind[j] == PERSON or not drive.present[frame, j]:
+            continue
+        c, s = np.cos(drive.heading[frame, j]), np.sin(drive.heading[frame, j])
+        dx, dy = x - drive.x[frame, j], y - drive.y[frame, j]
+        inside_box = (abs(dx * c + dy * s) < 0.5 * drive.length[j]) & (abs(dy * c - dx * s) < 0.5 * drive.width[j])
+        if inside_box.any():
+            return True
+    return False

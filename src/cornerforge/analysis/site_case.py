@@ -39,7 +39,7 @@ from cornerforge.site.tables import (
 )  # fmt: skip
 from cornerforge.types import FRAME_S, PERSON, Odd, Scenario
 
-__all__ = ["CAME_OUT_S", "KINDS_AT_SITES", "SiteCase", "case_of", "in_av_frame", "kind_at_site", "site_case"]
+__all__ = ["KINDS_AT_SITES", "SiteCase", "case_of", "in_av_frame", "kind_at_site", "site_case"]
 
 KINDS_AT_SITES: dict[str, str] = {
     "person-right-turn": "AV on a way to the right and a person on a crosswalk",
@@ -194,6 +194,12 @@ class SiteCase:
         if recent.sum() * FRAME_S < _HIDDEN_S or (self.last - frames[-1]) * FRAME_S > CAME_OUT_S:
             return NO_VEHICLE, -1
         return int(self.hidden_by[frames[-1]]), int(frames[-1])
+
+    @property
+    def hider_stood(self) -> bool:
+        """Did the vehicle behind which the partner came out stand then, or crawl with less than 0.5 m/s?"""
+        hider, frame = self.came_out
+        return hider != NO_VEHICLE and bool(self.speed[frame, hider] < _STANDS)
 
     def passes_line(self, i: int) -> int:
         """First frame in which the front of vehicle i is past its stop line; -1: it was from the start, or never is."""

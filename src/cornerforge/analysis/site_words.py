@@ -74,7 +74,7 @@ def _from_behind(case: SiteCase) -> str:
     hider, frame = case.came_out
     if hider == NO_VEHICLE:
         return ""
-    stood = "stood" if case.speed[frame, hider] < _STANDS else f"drove at {_fast(float(case.speed[frame, hider]))}"
+    stood = "stood" if case.hider_stood else f"drove at {_fast(float(case.speed[frame, hider]))}"
     what = f"a {CLASSES[int(case.kind[hider])].name} that {stood}"
     if frame == case.last:
         return f"; {what} hid it from the AV"

@@ -9,6 +9,7 @@ from typing import Any
 
 from cornerforge.analysis.conduct import CONDUCTS
 from cornerforge.analysis.in_words import what_happened
+from cornerforge.analysis.site_case import case_of
 from cornerforge.errors import MissingExtraError
 from cornerforge.experiment.roads import road_in_words
 from cornerforge.experiment.sites import site_in_words
@@ -42,6 +43,7 @@ from cornerforge.report.road import on_road, road_rate
 from cornerforge.results import Analysed
 from cornerforge.results.analysis import PARTS, Natural
 from cornerforge.results.rates import Counted
+from cornerforge.sim import NO_VEHICLE
 from cornerforge.types import Scenario
 
 __all__ = ["charts_of", "known_of", "write_library_report", "write_report"]
@@ -113,18 +115,23 @@ def known_of(artefacts: Artefacts) -> Known:
 
 
 def _unseen(library: Path, *, natural: bool) -> str:
-    """Say in how many crashes the AV had lost sight of the other vehicle shortly before; "" in none."""
+    """Say in how many crashes the AV had lost sight of the other shortly before, at a site behind what; "" in none."""
     store = CaseLibrary.open(library)
-    if store.odd.perception is None:
+    if store.odd.perception is None and store.odd.site is None:
         return ""
     ids = store.scalars(["case_id"])["case_id"].to_pylist()[:_LOOKED_AT]
-    looked = [unseen_s(one) > 0.0 for _, one in load_scenarios(library, ids) if one is not None]
-    if not any(looked):
+    looked = [one for _, one in load_scenarios(library, ids) if one is not None]
+    of = f" of n = {text.count(len(looked))} {'natural crashes' if natural else 'crashes'} that were looked at"
+    if store.odd.site is not None:
+        out = [case for case in map(case_of, looked) if case.came_out[0] != NO_VEHICLE]
+        if not out:
+            return ""
+        n, stood = text.count(len(out)), text.count(sum(case.hider_stood for case in out))
+        return f" In {n}{of} the other came out from behind a vehicle shortly before, in {stood} behind one that stood."
+    lost = sum(unseen_s(one) > 0.0 for one in looked)
+    if not lost:
         return ""
-    return (
-        f" In {text.count(sum(looked))} of n = {text.count(len(looked))} {'natural crashes' if natural else 'crashes'} "
-        f"that were looked at it did not see the other vehicle for some of the last {BEFORE_S:g} s."
-    )
+    return f" In {text.count(lost)}{of} it did not see the other vehicle for some of the last {BEFORE_S:g} s."
 
 
 def _plotly_script() -> str:
