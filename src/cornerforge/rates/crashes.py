@@ -86,23 +86,24 @@ class NaturalCrashes:
         )
 
 
-def crash_tables(studies: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+def crash_tables(studies: Iterable[Mapping[str, Any]], *, at_site: bool) -> dict[str, Any]:
     """Count crashes for the fields `crash_types`, `mechanisms` and `crash_circumstances` of `NaturalRate`.
 
     Args:
         studies: `CrashStudy.columns` of each crash.
+        at_site: Kinds are those of sites.
     """
     rows = list(studies)
     seen = {one.name: sum(bool(row[one.name]) for row in rows) for one in fields(CrashCircumstances)}
-    counts = kind_counts((row["crash_type"], row["mechanism"]) for row in rows)
+    counts = kind_counts(((row["crash_type"], row["mechanism"]) for row in rows), at_site=at_site)
     return {**counts, "crash_circumstances": CrashCircumstances(**seen)}
 
 
-def kind_counts(crashes: Iterable[tuple[str, str]]) -> dict[str, Any]:
+def kind_counts(crashes: Iterable[tuple[str, str]], *, at_site: bool) -> dict[str, Any]:
     """Count crashes, each a type and a mechanism, for the fields `crash_types` and `mechanisms` of `NaturalRate`."""
     pairs = list(crashes)
     types, mechanisms = Counter(kind for kind, _ in pairs), Counter(mechanism for _, mechanism in pairs)
-    names = KINDS_AT_SITES if mechanisms.keys() & KINDS_AT_SITES.keys() else MECHANISMS
+    names = KINDS_AT_SITES if at_site else MECHANISMS
     return {
         "crash_types": {name: types[name] for name in CRASH_TYPES.values()},
         "mechanisms": {name: mechanisms[name] for name in names},

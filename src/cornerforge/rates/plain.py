@@ -57,6 +57,7 @@ class _Keeper:
     def __init__(self, run: Experiment, seed: int, out: Path | None) -> None:
         self._crashes = NaturalCrashes(run, seed)
         self._studies: list[dict[str, Any]] = []
+        self._at_site = run.odd.site is not None
         self._room = CaseRoom(run.slots, int(run.setting.road.max_decisions))
         self._library: CaseLibrary | None = None
         if out is not None:
@@ -98,7 +99,7 @@ class _Keeper:
         rows = self._studies
         if self._library is not None:
             rows = self._library.scalars(_COLUMNS).to_pylist() if len(self._library) else []
-        return crash_tables(row for row in rows if row["test"] < tests)
+        return crash_tables((row for row in rows if row["test"] < tests), at_site=self._at_site)
 
 
 class PlainTests:

@@ -25,7 +25,6 @@ from cornerforge.rates.plain import ASKED, ENOUGH_TO_FORESEE, PlainTests, cost_o
 from cornerforge.rates.splitting import TREES, Splitting, kind_rates
 from cornerforge.results import NaturalRate, as_json
 from cornerforge.results.driving import Effort
-from cornerforge.types import Odd
 from cornerforge.verbs.options.driving import Rate
 
 __all__ = ["rate", "rate_without_copies", "why_only_counting"]
@@ -77,7 +76,7 @@ def _measured(options: Rate, weighted: str) -> NaturalRate:
     run = experiment(options.world(), takes_foreign=True, seed=options.seed)
     if options.model_draws:
         extension("model draws").check_model_draws(options.model_draws, run.model)
-    only_mc = why_only_counting(options.max_tests, run.odd)
+    only_mc = why_only_counting(options.max_tests)
     if options.method in ("is", "splitting") and only_mc is not None:
         raise InputError(f"Method {options.method} cannot be used: {only_mc}")
     folder = None if options.out is None else Path(options.out)
@@ -129,10 +128,8 @@ def _measured(options: Rate, weighted: str) -> NaturalRate:
 # Choosing
 
 
-def why_only_counting(max_tests: int, odd: Odd) -> str | None:
+def why_only_counting(max_tests: int) -> str | None:
     """Say why only counting is possible; None if trees and importance sampling are."""
-    if odd.site is not None:
-        return "at a site trees were not shown to agree with counting yet (ADR 86); leave out --method."
     if importlib.util.find_spec("torch") is None:
         return 'teaching needs torch; install it with: pip install "cornerforge[learn]"'
     from cornerforge.rates.teaching import TEACHING_TREES
@@ -145,8 +142,9 @@ def why_only_counting(max_tests: int, odd: Odd) -> str | None:
 
 def _why_counting(run: Experiment, counts: MonteCarlo, target: float) -> str | None:
     """Say why counting is the faster way; None if trees are, or if it is not known."""
-    if run.setting.road.stops:
-        return "where lanes end or traffic stops, what is dangerous would have to be learned anew, for hours"
+    if run.setting.road.stops or run.odd.site is not None:
+        where = "at a site" if run.odd.site is not None else "where lanes end or traffic stops"
+        return f"{where}, what is dangerous would have to be learned anew, which --method splitting does"
     width = counts.half_width()
     if counts.av_crashes < ENOUGH_TO_FORESEE or width is None:
         return None
@@ -186,7 +184,7 @@ def _split(session: PlainTests, split: Splitting, reason: str, target: float, ma
     return NaturalRate(
         **vars(by_trees if picked else session.rate()),
         **session.plain_part(),
-        **kind_counts((crash.crash_type, crash.mechanism) for crash in picked),
+        **kind_counts(((crash.crash_type, crash.mechanism) for crash in picked), at_site=at_site),
         method="is" if split.tilted else "splitting",
         reason=reason,
         relative_half_width=split.half_width if picked else None,

@@ -28,6 +28,9 @@ N_SEEN_AT_SITE = 29
 _FAR = 15.0
 """Agents whose meeting with the AV is later than this are not looked at [s]."""
 _MOST_BRAKING = 20.0
+_ASKS_AV, _BEHIND_AV = 3.0, 0.7
+"""Least worth of finding out what one does that chooses because of the AV, or that follows it in its lane: with errors
+at 4 % 115 of 120 crashes of `idm-yield` began so, 95 with such a choice, of which a test has a quarter."""
 
 
 @inlined_kernel
@@ -112,4 +115,9 @@ def see_meeting(
     seen[25] = 1.0 if decided else 0.0
     seen[26] = 1.0 if av.cleared > av.s + met.av_room else 0.0
     seen[27] = v[i].away
-    seen[28] = 0.4 * seen[16] * seen[4] * min(1.0, 0.1 * (v[0].speed + v[i].speed))
+    worth = 0.4 * seen[16] * seen[4] * min(1.0, 0.1 * (v[0].speed + v[i].speed))
+    if own.chooses and own.for_whom == 0:
+        worth = _ASKS_AV
+    elif met.ahead < 0.0:
+        worth = max(worth, _BEHIND_AV)
+    seen[28] = worth

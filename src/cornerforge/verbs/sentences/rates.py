@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.analysis.site_case import KINDS_AT_SITES
+from cornerforge.intervals import binomial_interval
 from cornerforge.rates.plain import ASKED
 from cornerforge.rates.weighted import LEAST_EFFECTIVE, LEAST_TREES
 from cornerforge.results import NaturalRate
@@ -145,11 +146,17 @@ def _units(found: NaturalRate) -> str:
 
 def _kind_lines(found: NaturalRate) -> list[str]:
     """Write crash types and mechanisms, the most frequent first."""
-    counts = {name: kind.crashes for name, kind in found.crash_type_rates.items()}
-    lines = ["Crash types: " + ", ".join(f"{name} {n:,}" for name, n in counts.items()), "Mechanisms:"]
+    types = ", ".join(f"{name} {kind.crashes:,}" for name, kind in found.crash_type_rates.items())
+    lines, at_site = [f"Crash types: {types}", "Mechanisms:"], found.crashes_per_million_entering is not None
     for name, kind in sorted(found.mechanism_rates.items(), key=lambda item: -item[1].crashes_per_test):
         share = 100.0 * kind.crashes_per_test / found.crashes_per_test
-        lines.append(f"{kind.crashes:>8,} {share:5.1f} %  {(MECHANISMS | KINDS_AT_SITES)[name]} [{name}]")
+        per, low, high = (1e6 * rate for rate in (kind.crashes_per_test, *kind.interval95))
+        entering = f"; {per:.3g} per million entering ({low:.2g} to {high:.2g})" if at_site else ""
+        lines.append(f"{kind.crashes:>8,} {share:5.1f} %  {(MECHANISMS | KINDS_AT_SITES)[name]} [{name}]{entering}")
+    unseen = "], [".join(name for name in found.mechanisms if name not in found.mechanism_rates)
+    if at_site and unseen and found.method == "mc":
+        most = 1e6 * binomial_interval(0, found.tests)[1]
+        lines.append(f"    none [{unseen}]: each at most {most:.2g} per million entering")
     return lines
 
 
