@@ -9,8 +9,9 @@ import pytest
 
 import cornerforge
 from cornerforge.experiment.setting import experiment
+from cornerforge.ext.calibrate import site_measures
 from cornerforge.ext.calibrate.site_data import read_site_data
-from cornerforge.ext.calibrate.site_measures import CRASH_KINDS, Kerb, Measured, Meeting, crash_kinds, measures
+from cornerforge.ext.calibrate.site_measures import CRASH_KINDS, Kerb, Measured, Meeting, Turn, crash_kinds, measures
 from cornerforge.ext.calibrate.site_validating import bars_of, site_did_not_pass, site_validation_text
 from cornerforge.world_options import WorldOptions
 
@@ -56,6 +57,33 @@ def test_people_are_measured_as_they_walk() -> None:
     assert all(isinstance(kerb, Kerb) for kerb in seen.kerbs)
     again = measures(scenarios[:6], zones), measures(scenarios[6:], zones)
     assert seen.walks == again[0].walks + again[1].walks
+
+
+def drives(route: int, *way: tuple[float, float]) -> site_measures._Track:
+    """A vehicle that is at places [m] at times [s], and drives evenly between."""
+    s = np.interp(np.arange(0.0, 20.0, 0.1), *np.array(way).T)
+    return site_measures._Track(route, False, 5.0, 0, s, np.gradient(s, 0.1))
+
+
+@pytest.mark.parametrize(("leaves", "found"), [(8.0, Turn(3.0, 6.0)), (13.0, Turn(6.0, 15.0))])
+def test_a_gap_is_taken_where_the_ways_of_both_cross(leaves: float, found: Turn) -> None:
+    """Of two ways from one lane the turn crosses one sooner: to come into that is not yet to take the gap before both.
+
+    Oncoming vehicles are at their zones after 2, 5 and 11 s.
+    """
+    run = experiment(WorldOptions(site="mcity-signal", av="idm-yield"))
+    assert run.odd.site is not None
+    zones = run.setting.road.site[0]["zone"]
+    there = zones[12, 5, 0]["other_begin"]
+    oncoming = [
+        drives(route, (at - 6.0, there - 30.0), (at + 6.0, there + 30.0)) for route, at in ((5, 2), (5, 5), (4, 11))
+    ]
+    turn = drives(12, (0.0, 20.0), (1.0, 27.2), (6.0, 27.2), (6.5, 28.5), (leaves - 0.1, 31.5), (leaves + 2.0, 50.0))
+    queued = drives(12, (0.0, 12.0), (1.0, 19.0), (6.0, 19.0), (7.0, 20.0), (9.0, 28.0), (18.0, 50.0))
+    seen = site_measures._Seen(run.odd.site, zones, [*oncoming, turn, queued], [], 0.0, 20.0)
+    turns, follow_up = site_measures._turns(seen)
+    assert turns[0] == Turn(pytest.approx(found.missed, abs=0.11), pytest.approx(found.taken, abs=0.11))
+    assert follow_up == [pytest.approx(2.7, abs=0.2)]
 
 
 def test_crashes_have_kinds_and_are_as_many_as_were_counted() -> None:

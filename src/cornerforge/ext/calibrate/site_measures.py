@@ -11,21 +11,23 @@ from numpy.typing import NDArray
 from cornerforge._philox import PURPOSE_INITIAL, block, uniform
 from cornerforge.errors import InputError
 from cornerforge.site.network import Site
-from cornerforge.site.tables import CROSS, longer
+from cornerforge.site.tables import CROSS, MERGE, longer
 from cornerforge.types import FRAME_S, PERSON, Scenario
 
 __all__ = ["CRASH_KINDS", "Kerb", "Measured", "Meeting", "Turn", "crash_kinds", "measures"]
 
 Floats = NDArray[np.float64]
 
-_SLOW_WALK, _CHANGE_TIME = 1.07, 4.0
+_SLOW_WALK, _CHANGE_TIME, _SLOWEST = 1.07, 4.0, 0.8
 _PLACE = 0.25
 """Places along a route are looked for so far apart [m]."""
 _LONGEST = 10.5
 """Encounters are those in which the second comes at most so long after the first [s]."""
-_NEAR, _QUEUED = 6.0, 15.0
+_NEAR, _QUEUED, _CREEPS = 6.0, 10.0, 3.0
+"""A turn that has so far to the oncoming way is first in its lane [m]; the next one is queued behind it if it has no
+farther to there [m], and is no faster [m/s], when that one enters."""
 _GAP_ENDS = 15.0
-"""A gap before which none comes any more counts as so long [s]."""
+"""A gap before which none comes any more counts as so long [s]; a red light between two is longer."""
 CRASH_KINDS = (
     "rear-end", "angle", "left turn across", "side-swipe", "pedestrian, right turn", "pedestrian, left turn",
     "pedestrian, straight",
@@ -49,7 +51,7 @@ class Meeting:
 
 @dataclass(frozen=True)
 class Turn:
-    """A left turn that waited for at least one oncoming vehicle: the largest gap let pass, the gap taken [s]."""
+    """A left turn that let at least one oncoming vehicle pass: the largest gap let pass, the gap taken [s]."""
 
     missed: float
     taken: float
@@ -217,11 +219,11 @@ def _meetings(seen: _Seen) -> list[Meeting]:
 
 
 def _oncoming(seen: _Seen, route: int) -> list[int]:
-    """Give the routes straight on, or to the right, to which a left turn yields on the same green."""
+    """Give the routes of vehicles, straight on or to the right, to which a left turn yields on the same green."""
     rows = seen.zones[route, :, 0]
     return [
-        k for k, other in enumerate(seen.site.routes)
-        if rows[k]["kind"] == CROSS and rows[k]["yields"] and not rows[k]["goes_first"] and other.turn == "straight"
+        k for k in seen.site.vehicles
+        if rows[k]["kind"] in (CROSS, MERGE) and rows[k]["yields"] and not rows[k]["goes_first"]
         and any(_green(phase.states, route, seen) and _green(phase.states, k, seen) for phase in seen.site.programme)
     ]  # fmt: skip
 
@@ -231,34 +233,41 @@ def _green(states: str, route: int, seen: _Seen) -> bool:
 
 
 def _turns(seen: _Seen) -> tuple[list[Turn], list[float]]:
-    """Find left turns that waited for a gap, and the times between two that go in one gap."""
+    """Find left turns that let an oncoming vehicle pass, and the times between two that go in one gap.
+
+    Gaps are headways of oncoming vehicles where each comes into its zone with the turn: of one lane to two, a driver
+    may pass before one and wait for the next. Before one that turns right it has gone if it crosses the oncoming way
+    first. One that goes on amber, or has not gone yet, took no gap that ended.
+    """
     turns, follow_up = [], []
     routes = {t.route for t in seen.tracks if seen.site.routes[t.route].turn == "left" and not t.person}
     for route in routes:
         oncoming = _oncoming(seen, route)
-        if not oncoming:
+        rows = seen.zones[route, :, 0]
+        crossing = [k for k in oncoming if rows[k]["kind"] == CROSS]
+        if not crossing:
             continue
-        zones = seen.zones[route, oncoming, 0]
-        enter = float(zones["begin"].min())
-        others = [t for t in seen.tracks + seen.av if t.route in oncoming]
-        passed = np.sort([t.when(seen.zones[route, t.route, 0]["other_begin"]) for t in others])
-        passed = passed[~np.isnan(passed)]
-        ours = sorted(((t.when(enter + 0.5), t) for t in seen.tracks if t.route == route), key=lambda pair: pair[0])
+        first, last = (float(end) for end in (rows["begin"][crossing].min(), rows["begin"][crossing].max()))
+        begins = np.where(rows["kind"] == CROSS, rows["begin"], first)
+        comes = [(t.when(seen.zones[route, t.route, 0]["other_begin"]), t.route) for t in seen.tracks + seen.av]
+        comes = sorted(one for one in comes if one[1] in oncoming and not np.isnan(one[0]))
+        ours = [(t.when(first), t) for t in seen.tracks if t.route == route and t.s[-1] >= first > t.s[0]]
+        ours.sort(key=lambda pair: pair[0])
         for n, (entered, one) in enumerate(ours):
-            ready = one.when(enter - _NEAR)
-            if np.isnan(entered) or np.isnan(ready):
+            ready = one.when(first - _NEAR)
+            later = [(at, not at > one.when(begins[other])) for at, other in comes if at > ready]
+            passed = np.array([at for at, before in later if before])
+            if passed.size == 0 or seen.light(route, passed[0]) < 2:
                 continue
-            waited = passed[(passed > ready) & (passed < entered)]
-            if waited.size == 0 or seen.light(route, entered) < 2 or seen.light(route, waited[0]) < 2:
-                continue
-            after = passed[passed >= entered]
-            if after.size == 0 and seen.seconds - waited[-1] < _GAP_ENDS:
-                continue
-            ends = float(after[0]) if after.size else np.inf
-            turns.append(Turn(float(np.diff(waited).max(initial=0.0)), min(ends - float(waited[-1]), _GAP_ENDS)))
-            for then, follower in ours[n + 1 : n + 2]:
+            ends = min((at for at, before in later if not before), default=np.inf)
+            missed = np.diff(passed[[seen.light(route, at) == 2 for at in passed]])
+            goes = [one.when(place) for place in (first, last)]
+            in_gap = seen.light(route, max(goes[0], passed[-1])) == 2 and not np.isnan(goes[1])
+            taken = min(ends - passed[-1], _GAP_ENDS) if in_gap else _GAP_ENDS
+            turns.append(Turn(float(missed[missed < _GAP_ENDS].max(initial=0.0)), float(taken)))
+            for then, follower in ours[n + 1 : n + 2] if in_gap else ():
                 place, speed = follower.at(entered)
-                if then < ends and enter - place < _QUEUED and speed < _NEAR:
+                if then < ends and then - entered < _GAP_ENDS and first - place < _QUEUED and speed < _CREEPS:
                     follow_up.append(then - entered)
     return turns, follow_up
 
@@ -288,8 +297,9 @@ def _walks(seen: _Seen) -> list[float]:
     """Speeds of people that walked from kerb to kerb [m/s]."""
     found = []
     for person in seen.tracks:
-        if person.person and person.s[0] < 0.1:
-            length = seen.site.routes[person.route].length
+        length = seen.site.routes[person.route].length
+        # who sets out later is seen at the other kerb only if it is quick
+        if person.person and person.s[0] < 0.1 and person.when(0.1) < seen.seconds - length / _SLOWEST:
             begin, end = person.when(0.1), person.when(length - 2.0)
             if end > begin:
                 found.append((length - 2.1) / (end - begin))

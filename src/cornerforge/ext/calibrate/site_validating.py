@@ -84,7 +84,7 @@ def site_validate(options: SiteValidate) -> SiteValidated:
         *_of_turns(turning),
         _bar(
             "crashes, without errors", "", (crashes, *poisson_interval(crashes)), tally.tests, None,
-            "none in 1e6 tests", crashes == 0,
+            "none in 1e6 tests", bool(crashes == 0),
         ),
     ]  # fmt: skip
     return SiteValidated(
@@ -209,7 +209,7 @@ def _of_turns(seen: Measured) -> list[SiteBar]:
         bars.append(
             _bar(
                 "critical headway of left turns, mean", "s", ours, len(pairs), (_CRITICAL,), "within 5 %",
-                abs(ours[0] / _CRITICAL - 1.0) <= _HEADWAY,
+                bool(abs(ours[0] / _CRITICAL - 1.0) <= _HEADWAY),
             )
         )  # fmt: skip
     if len(seen.follow_up) >= _FEWEST:
