@@ -17,6 +17,7 @@ from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.sim.site.claims import (
     AT_LINE,
     BLIND,
+    GOING,
     PAST_LINE,
     STOPS,
     TURNS_ON_RED,
@@ -72,10 +73,9 @@ _MARGIN = 0.5
 """Drivers stop so far before the place in which they would be in the way [m], and leave others so much time [s]."""
 _CRAWLS = 2.0
 _LEFT, _RIGHT = TURNS.index("left"), TURNS.index("right")
-_SETS_OFF = 2.0
-"""Acceleration at which others are thought to drive off [m/s2]."""
-_NO_DOUBT = 3.0
-"""A gap so many times the critical one is taken."""
+_NO_DOUBT, _TOO_LATE = 3.0, 0.3
+"""A gap so many times the critical one is taken; one that chose to go and still waits for the last to pass goes on
+unless only so much of it is left."""
 _LEAVES, _EDGE = 0.5, 0.1
 """Room that a driver leaves to its lead, and to a zone that is another's, however hard it has to brake [m]."""
 
@@ -206,7 +206,8 @@ def _arrival(
             if will_stop(speed, to_line):
                 return 0, np.inf
             stopped = True
-    arrival = time_to(room, speed, max(row.limit, speed), _SETS_OFF)
+    top = max(speed_at(site, other.route, zone.other_begin), speed)
+    arrival = time_to(room, speed, top, max(one.acceleration * (1.0 - speed / top) ** 2, 0.05))
     if (zone.yields or on_red) and not stopped:
         return 2, arrival
     goes = not will_stop(speed, room - _MARGIN) or (room < 1.0 and speed > STANDS)
@@ -262,8 +263,11 @@ def _stays_able(
 
 
 @inlined_kernel
-def _chooses(w: World, i: int, nearest: float, until: float, site: NDArray[np.void]) -> float:
+def _chooses(w: World, i: int, nearest: float, until: float, since: float, site: NDArray[np.void]) -> float:
     """Let slot i choose, if it must now, whether to go through the zones from `nearest` to `until` along its route [m].
+
+    Critical gaps are published as times between two vehicles. So the gap before one that it has not given way to yet
+    counts from when the one before that came into their zone, `since` [s]; later only what is left of the gap counts.
 
     Returns:
         Room to where it gives way [m].
@@ -273,7 +277,13 @@ def _chooses(w: World, i: int, nearest: float, until: float, site: NDArray[np.vo
     left: float = nearest - longer(me.length, False) - own.s - _MARGIN
     now = (me.speed < 1.0 and left < AT_LINE) or left - me.speed < 0.5 * me.speed * me.speed / one.stopping
     if now and 0.5 * me.speed * me.speed <= HARDEST * max(left, 0.1):
-        taken = sure(w.agents[worst].ratio, one.gap_error)
+        ratio = w.agents[worst].ratio
+        sticks = False
+        if w.vehicles[worst].kind != PERSON:
+            sticks = own.marks & GOING != 0 and own.cleared > nearest and ratio > _TOO_LATE
+            if since < np.inf and own.heeds != worst:
+                ratio += since / _critical_gap(w, i, worst, CROSS, site)
+        taken = 1.0 if sticks else sure(ratio, one.gap_error)
         misses = one.overlooks_person if w.vehicles[worst].kind == PERSON else one.overlooks_vehicle
         if own.heeds == worst:
             misses = 0.0
@@ -319,7 +329,7 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
         own.overlooks = NO_VEHICLE
     room, on_red = _light(w, i, clock, site)
     lit = room < np.inf
-    reach, waits_from, waits_to = np.inf, np.inf, np.inf
+    reach, waits_from, waits_to, since = np.inf, np.inf, np.inf, np.inf
     span = held_then_stops_within(speed, me.acceleration, STRONGEST)
     inside = place > one.route[own.route].stop
     nearest = np.inf
@@ -373,6 +383,8 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
             ):
                 waits_from, waits_to = min(waits_from, to_zone - _EDGE), min(waits_to, end)
             if to_other <= 0.0:
+                if zone.yields and v[j].kind != PERSON:
+                    since = min(since, -to_other / max(v[j].speed, _CRAWLS))
                 if enters < crossing / max(v[j].speed, 0.3) + _MARGIN:
                     own.most = min(own.most, to_stop(speed, to_zone - _MARGIN, one.stopping))
                 continue
@@ -384,7 +396,7 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
             if owes == 0 or arrival + (crossing - to_other) / max(v[j].speed, 1.0) + _MARGIN < enters:
                 continue
             if owes == 1 or (zone.begin < own.cleared and speed >= UNDER_WAY):
-                if arrival < leaves + _MARGIN and arrival < enters + 1.0:
+                if arrival < leaves + _MARGIN and arrival < enters + _MARGIN:
                     own.most = min(own.most, to_stop(speed, to_zone - _MARGIN, one.stopping))
                 continue
             reaches = max(0.0, to_zone - 1.0) / max(speed, 3.0)
@@ -398,7 +410,7 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
     if reach < waits_to:
         _keep_room(w, i, waits_from)
     if nearest < np.inf and not lit:
-        room = min(room, _chooses(w, i, nearest, until, site))
+        room = min(room, _chooses(w, i, nearest, until, since, site))
     own.free = min(free, own.most)
     own.stops = min(own.free, to_stop(speed, room, one.stopping)) if room < np.inf else own.free
     if own.chooses == 0:
