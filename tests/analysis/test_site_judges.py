@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from analysis.site_scenes import Agent, meeting, middle, name_at, odd_of, scene, steady
 from numpy.typing import NDArray
 
+import cornerforge
 from cornerforge.analysis.avoidability import AvoidParams, avoidability
 from cornerforge.analysis.conduct import conduct_of
 from cornerforge.analysis.fault import assign_fault
@@ -191,3 +195,15 @@ def test_a_turn_of_the_whole_site_changes_nothing() -> None:
         for route in (STRAIGHT, ACROSS, 1, 11)
     }
     assert kinds == {("rear-end by AV", "av")}
+
+
+@pytest.mark.full
+@pytest.mark.filterwarnings("ignore:Site")
+def test_no_careful_driver_prevents_what_nothing_could(tmp_path: Path) -> None:
+    """Of 60 such crashes 27 were "prevented by braking", since the AV had not braked; in 23 no way out exists."""
+    site = {"site": "mcity-signal", "av": "rss-yield"}
+    cornerforge.generate(policy=("dart-out",), out=tmp_path / "library", cases=25, seed=7, **site)  # type: ignore[arg-type]
+    cornerforge.analyse(tmp_path / "library", out=tmp_path / "analysis")
+    rows = pq.read_table(tmp_path / "analysis" / "cases.parquet").to_pylist()
+    assert any(row["conduct"] == "drives-on" and row["avoidability"] == "unavoidable" for row in rows)
+    assert not any(row["prevention"] == "by braking" and row["avoidability"] == "unavoidable" for row in rows)
