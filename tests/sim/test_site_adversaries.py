@@ -15,6 +15,7 @@ from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.policy_file import Policy, save_policy
 from cornerforge.experiment.setting import experiment
 from cornerforge.intervals import binomial_interval
+from cornerforge.results import Trained
 from cornerforge.sim import (
     World,
     advance,
@@ -163,9 +164,15 @@ def test_a_plain_adversary_makes_more_crashes_than_nature(name: str, run: Experi
 @pytest.mark.parametrize("learner", LEARNERS)
 def test_each_learner_trains_at_a_site_and_its_policy_drives_there(learner: str, tmp_path: Path) -> None:
     policy = tmp_path / "policy.safetensors"
-    found = cornerforge.train(
-        out=policy, site="mcity-signal", av="idm-yield", learner=learner, decisions=20_000, tests=64, seed=4
-    )
+
+    def trained(resume: bool) -> Trained:
+        return cornerforge.train(
+            out=policy, site="mcity-signal", av="idm-yield", learner=learner, decisions=20_000, tests=64, seed=4,
+            resume=resume,
+        )  # fmt: skip
+
+    found = trained(False)
+    assert trained(True).kept  # a site is told as lists in the file
     assert found.decisions >= 20_000
     assert {one.name.partition(",")[0] for one in found.baselines} == {"nobody", *SITE_ADVERSARIES}
     driven = cornerforge.simulate(site="mcity-signal", av="idm-yield", bv=str(policy), tests=300, seed=4)
