@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 from functools import cache
+from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from analysis.site_scenes import Agent, meeting, middle, name_at, odd_of, scene, steady
 from numpy.typing import NDArray
 
+import cornerforge
 from cornerforge.analysis.avoidability import AvoidParams, avoidability
 from cornerforge.analysis.conduct import conduct_of
 from cornerforge.analysis.fault import assign_fault
@@ -236,3 +239,15 @@ def test_a_careful_driver_sees_through_no_vehicle() -> None:
     """At 6 m/s it stops for a person at 2.4 m/s only if it sees the person before the truck uncovers it."""
     assert prevented_by(behind_truck(6.0, 2.4, truck=False))["cc-human"].prevented
     assert not prevented_by(behind_truck(6.0, 2.4))["cc-human"].prevented
+
+
+@pytest.mark.full
+@pytest.mark.filterwarnings("ignore:Site")
+def test_no_careful_driver_prevents_what_nothing_could(tmp_path: Path) -> None:
+    """Of 60 such crashes 27 were "prevented by braking", since the AV had not braked; in 23 no way out exists."""
+    site = {"site": "mcity-signal", "av": "rss-yield"}
+    cornerforge.generate(policy=("dart-out",), out=tmp_path / "library", cases=25, seed=7, **site)  # type: ignore[arg-type]
+    cornerforge.analyse(tmp_path / "library", out=tmp_path / "analysis")
+    rows = pq.read_table(tmp_path / "analysis" / "cases.parquet").to_pylist()
+    assert any(row["conduct"] == "drives-on" and row["avoidability"] == "unavoidable" for row in rows)
+    assert not any(row["prevention"] == "by braking" and row["avoidability"] == "unavoidable" for row in rows)

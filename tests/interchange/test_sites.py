@@ -16,6 +16,7 @@ from cornerforge.ext.interchange.sumo_site import site_of_sumo
 from cornerforge.ext.interchange.sumo_ways import id_of
 from cornerforge.ext.interchange.xml_input import read_xml
 from cornerforge.site.faults import faults_of
+from cornerforge.site.mending import with_approaches, with_limit
 from cornerforge.site.network import SITE_FILES, Phase, Site, headings_of, with_amber
 from cornerforge.site.zones import zones_of
 
@@ -88,6 +89,39 @@ def test_shipped_sites_are_made_of_the_network_and_sound(site: Site) -> None:
         assert faults_of(read_site(name)) == []
 
 
+def test_approaches_are_led_straight_back_and_nothing_else_moves(site: Site) -> None:
+    longer = with_approaches(site, 100.0)
+    before = {(zone.first, zone.second): zone for zone in zones_of(site)}
+    after = {(zone.first, zone.second): zone for zone in zones_of(longer)}
+    assert before.keys() == after.keys()
+    for old, new in zip(site.routes, longer.routes, strict=True):
+        more = new.stop - old.stop
+        assert new.points[round(more) :] == old.points
+        assert (new.leaves - old.leaves, more % 1.0) == pytest.approx((more, 0.0))
+        assert (100.0 <= new.stop < 102.0) == (new.turn != "walk")
+        led = headings_of(new.line)[: round(more) + 3]
+        assert np.ptp(led) < 0.03 if more else old == new
+    for pair, zone in before.items():
+        if zone.kind in ("cross", "merge"):
+            moved = longer.routes[pair[0]].stop - site.routes[pair[0]].stop
+            assert after[pair].of_first == pytest.approx([at + moved for at in zone.of_first], abs=0.51)
+    assert [faults for faults in faults_of(longer) if "amber" not in faults] == []
+
+
+def test_an_approach_that_would_cross_others_is_refused(site: Site) -> None:
+    """The ring's arms bend towards each other: 250 m back, straight on, they cross."""
+    assert with_approaches(site, 15.0) == site  # none is shorter
+    with pytest.raises(InputError, match="into the way of"):
+        with_approaches(read_site("mcity-roundabout"), 250.0)
+
+
+def test_one_limit_holds_everywhere_and_the_notes_name_the_old_ones(site: Site) -> None:
+    faster = with_limit(site, 50.0 / 3.6)
+    assert {faster.routes[k].limits for k in faster.vehicles} == {(50.0 / 3.6,) * 2}
+    assert [faster.routes[k] for k in site.people] == [site.routes[k] for k in site.people]
+    assert faster.notes[-1] == "the limit is 50 km/h; the source has 18 to 22 km/h"
+
+
 def test_what_is_wrong_with_a_site_is_found(site: Site) -> None:
     def first_of(**changed: object) -> list[str]:
         return faults_of(replace(site, routes=(replace(site.routes[0], **changed), *site.routes[1:])))  # type: ignore[arg-type]
@@ -114,6 +148,9 @@ def test_commands_import_check_and_show(tmp_path: Path) -> None:
     assert told.faults == ()
     assert read_site(file) == site_of_sumo(MCITY, "NODE_24")
     assert cornerforge.site_check(file).zones == told.zones == {"cross": 3, "diverge": 3, "merge": 3}
+    faster = cornerforge.site_import(MCITY, junction="NODE_24", limit=50.0, approach=80.0, out=tmp_path / "fast.json")
+    assert all(route.stop_m >= 80.0 for route in faster.routes)
+    assert faster.notes[-1].startswith("the limit is 50 km/h")
     picture = tmp_path / "site.png"
     assert cornerforge.site_show(file, out=picture).files == (str(picture),)
     assert picture.stat().st_size > 10_000

@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import cornerforge
 from cornerforge.drivers.policy import NetworkShape, n_weights
 from cornerforge.errors import InputError
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.policy_file import Policy, save_policy
 from cornerforge.experiment.setting import experiment
 from cornerforge.intervals import binomial_interval
+from cornerforge.results import Trained
 from cornerforge.sim import (
     World,
     advance,
@@ -30,7 +32,7 @@ from cornerforge.sim.observe import N_OBSERVATION, N_OWN
 from cornerforge.sim.site.views import CLASS, critical_agent, meeting_with_av
 from cornerforge.site.tables import CROSS, NO_ZONE, SHARED, longer
 from cornerforge.types import N_ACTIONS, PERSON
-from cornerforge.world_options import STEER_FROM, WorldOptions
+from cornerforge.world_options import LEARNERS, STEER_FROM, WorldOptions
 
 pytestmark = pytest.mark.filterwarnings("ignore:Site")
 SITE = WorldOptions(site="mcity-signal", av="idm-yield")
@@ -156,6 +158,25 @@ def test_a_plain_adversary_makes_more_crashes_than_nature(name: str, run: Experi
             kinds.add(int(case.kind[case.crash.slot_b]))
     if name == "dart-out":
         assert PERSON in kinds
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("learner", LEARNERS)
+def test_each_learner_trains_at_a_site_and_its_policy_drives_there(learner: str, tmp_path: Path) -> None:
+    policy = tmp_path / "policy.safetensors"
+
+    def trained(resume: bool) -> Trained:
+        return cornerforge.train(
+            out=policy, site="mcity-signal", av="idm-yield", learner=learner, decisions=20_000, tests=64, seed=4,
+            resume=resume,
+        )  # fmt: skip
+
+    found = trained(False)
+    assert trained(True).kept  # a site is told as lists in the file
+    assert found.decisions >= 20_000
+    assert {one.name.partition(",")[0] for one in found.baselines} == {"nobody", *SITE_ADVERSARIES}
+    driven = cornerforge.simulate(site="mcity-signal", av="idm-yield", bv=str(policy), tests=300, seed=4)
+    assert driven.av_crashes > 0  # nature has none in 5,000
 
 
 def test_adversaries_and_policies_of_another_family_of_worlds_are_refused(tmp_path: Path) -> None:

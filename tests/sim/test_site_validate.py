@@ -12,7 +12,14 @@ from cornerforge.experiment.setting import experiment
 from cornerforge.ext.calibrate import site_measures
 from cornerforge.ext.calibrate.site_data import read_site_data
 from cornerforge.ext.calibrate.site_measures import CRASH_KINDS, Kerb, Measured, Meeting, Turn, crash_kinds, measures
-from cornerforge.ext.calibrate.site_validating import bars_of, site_did_not_pass, site_validation_text
+from cornerforge.ext.calibrate.site_validating import (
+    bars_of,
+    crashed,
+    priorities,
+    right_of_way_taken,
+    site_did_not_pass,
+    site_validation_text,
+)
 from cornerforge.world_options import WorldOptions
 
 pytestmark = pytest.mark.filterwarnings("ignore:Site")
@@ -103,3 +110,34 @@ def test_the_verb_says_which_bars_hold(tmp_path: Path) -> None:
     assert text.splitlines()[-1] == ("Passed." if found.passed else "NOT passed.")
     assert (site_did_not_pass(found) is None) == found.passed
     assert all(bar.measure in text for bar in found.bars)
+
+
+def test_right_of_way_is_taken_by_those_that_must_yield_and_by_nobody_else() -> None:
+    run = experiment(WorldOptions(site="mcity-signal", av="idm-yield"))
+    true, zones = (one.setting.road.site[0]["zone"] for one in (run, right_of_way_taken(run)))
+    vehicles = run.setting.road.site[0]["vehicle_routes"]
+    changed = (true["yields"] != zones["yields"]).any(axis=2)
+    assert changed[:vehicles, :vehicles].any()
+    assert not changed[vehicles:].any()
+    assert not changed[:, vehicles:].any()
+    assert not (changed & changed.T).any()  # the other of two keeps the true table
+    for one, two in np.argwhere(changed):
+        assert zones["goes_first"][one, two].any()
+        assert zones["goes_first"][two, one].any()
+
+
+def test_ten_times_as_many_crashes_are_told_from_fewer_and_from_too_few_to_say() -> None:
+    """Against 2 crashes (0.24 to 7.2) 100 (81 to 122) are enough, 40 (29 to 54) say nothing, 0 of 50 are too few."""
+    assert priorities(2, 100, 1000).holds is True
+    assert priorities(2, 40, 1000).holds is None
+    assert priorities(50, 100, 1000).holds is False
+    assert priorities(0, 0, 1000).holds is None
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("site", ["mcity-signal", "mcity-roundabout"])
+def test_with_right_of_way_taken_traffic_crashes_ten_times_as_often(site: str, seed: int) -> None:
+    """Negative control of the laws: some 200 tests of 5,000 crash at the lights, 5 of 200,000 with the true table."""
+    run, tests = experiment(WorldOptions(site=site, av="idm-yield")), 5000
+    true, taken = (crashed(one, tests, seed) for one in (run, right_of_way_taken(run)))
+    assert priorities(true, taken, tests).holds

@@ -50,8 +50,7 @@ _TOO_LATE, _HARD = 2.5, 2.0
 """A person darts out that the AV reaches within so long [s], if it would have to brake harder than this [m/s2]."""
 _EARLIER, _LATER, _SOON = 1.5, 1.0, 5.0
 """A vehicle goes if it is at the zone at most so much before or after the AV, which is there soon [s]."""
-_PUSHES, _MOST = 2.0, 4.0
-"""Acceleration of a vehicle that goes before the AV, and the most with which one aims at it [m/s2]."""
+_MOST = 4.0  # a vehicle aims at the AV with so much at most [m/s2]
 
 
 @kernel
@@ -186,10 +185,15 @@ def _red_runner(w: World, bv: int, _words: Words, s: ChoiceScratch) -> int:
 
 @kernel
 def _goes_before(w: World, bv: int, merges: bool, s: ChoiceScratch) -> int:
-    """Go before the AV where a vehicle must yield to it and crosses its way, or merges; else do what its law says."""
+    """Go before the AV where a vehicle must yield to it and crosses its way, or merges; else do what its law says.
+
+    It goes when it has to choose: one that pushed earlier would be seen, and let go.
+    """
     seen = s.observation
     owes = w.vehicles[bv].kind != PERSON and seen[YIELDS] < 0.0 and (seen[MERGES] > 0.0) == merges
-    return _goes_on(w, bv, _PUSHES, s) if owes and _meets_now(s) else _lawful(w, bv, s)
+    if owes and w.agents[bv].chooses and s.allowed[GOES] and _meets_now(s):
+        return GOES
+    return _lawful(w, bv, s)
 
 
 @inlined_kernel

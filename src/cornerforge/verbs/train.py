@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -401,7 +402,7 @@ def _check_same(policy: Policy, run: Experiment, config: TrainConfig, seed: int,
         "av_hash": run.av_hash,
         "model_hash": model_hash(run.model),
         "train": asdict(config),
-        "odd": run.odd.stated(),
+        "odd": json.loads(json.dumps(run.odd.stated())),  # lists for tuples, as in the file
     }
     for key, value in wanted.items():
         if found.get(key) != value:

@@ -12,23 +12,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._options import verb
-from cornerforge.experiment.counting import simulate_experiment
+from cornerforge.experiment.counting import drive_tests
 from cornerforge.experiment.experiments import Experiment
 from cornerforge.experiment.setting import experiment
 from cornerforge.experiment.sites import laws_named
 from cornerforge.ext.calibrate.options import SiteValidate
 from cornerforge.ext.calibrate.site_data import owners, read_site_data, words
 from cornerforge.ext.calibrate.site_measures import Measured, measures
-from cornerforge.ext.calibrate.site_people import STATES, Gaps, critical_gap, share, walks_of
+from cornerforge.ext.calibrate.site_people import STATES, Gaps, Walks, critical_gap, share, walks_of
 from cornerforge.ext.calibrate.tables import Table
 from cornerforge.intervals import binomial_interval, poisson_interval
 from cornerforge.results.site_laws import SiteBar, SiteValidated
 from cornerforge.results.stating import as_json
+from cornerforge.sim import Tally, outcome
 from cornerforge.site.laws import Laws
 from cornerforge.work.files import write_json
+from cornerforge.work.progress import NO_PROGRESS
 from cornerforge.world_options import WorldOptions
 
-__all__ = ["ERRORS_OFF", "bars_of", "site_did_not_pass", "site_validate", "site_validation_text"]
+__all__ = [
+    "ERRORS_OFF", "bars_of", "crashed", "priorities", "right_of_way_taken", "site_did_not_pass", "site_validate",
+    "site_validation_text",
+]  # fmt: skip
 
 ERRORS_OFF: Mapping[str, Any] = {
     "runs_red": 0.0, "overlooks_vehicle": 0.0, "overlooks_person": 0.0, "looks_away": 0.0, "walks_blindly": 0.0,
@@ -41,6 +46,8 @@ _CRITICAL, _FOLLOW_UP = 4.87, 2.73
 """Means of permissive left turns [s]: Claros et al. (2021), 2,500 drivers at 45 approaches, abstract read."""
 _WITHIN, _WALKING, _HEADWAY = 1.3, 0.10, 0.05
 _FEWEST = 20
+_TAKEN, _MORE = 20_000, 10
+"""Tests with right of way taken, at most, and how many times as many crashes they should have."""
 _VEHICLES = ((0, 0), (1, 1), (2, 3), (4, 99))
 
 
@@ -70,20 +77,22 @@ def site_validate(options: SiteValidate) -> SiteValidated:
             return experiment(WorldOptions(site=options.site, av=_AV, site_traffic=traffic, site_laws=str(file)))
 
         natural = at(None, laws)
-        options.progress("validate: traffic", 0, 3)
+        options.progress("validate: traffic", 0, 4)
         people = _measured(natural, options.recordings, options.seed)
-        options.progress("validate: left turns", 1, 3)
+        options.progress("validate: left turns", 1, 4)
         turning = _measured(at(_TURNS, laws), options.recordings, options.seed)
-        options.progress("validate: without errors", 2, 3)
-        tally, _ = simulate_experiment(
-            at(None, replace(laws, **ERRORS_OFF)), tests=options.tests, seed=options.seed, threads=options.threads
-        )
-    crashes = tally.av_crashes + tally.bv_crashes
+        options.progress("validate: right of way", 2, 4)
+        few = min(options.tests, _TAKEN)
+        runs, how = (natural, right_of_way_taken(natural)), (options.seed, options.threads)
+        true, taken = (crashed(run, few, *how) for run in runs)
+        options.progress("validate: without errors", 3, 4)
+        crashes = crashed(at(None, replace(laws, **ERRORS_OFF)), options.tests, *how)
     bars = [
         *bars_of(people, tables),
         *_of_turns(turning),
+        priorities(true, taken, few),
         _bar(
-            "crashes, without errors", "", (crashes, *poisson_interval(crashes)), tally.tests, None,
+            "tests that crash, without errors", "", (crashes, *poisson_interval(crashes)), options.tests, None,
             "none in 1e6 tests", bool(crashes == 0),
         ),
     ]  # fmt: skip
@@ -95,6 +104,36 @@ def site_validate(options: SiteValidate) -> SiteValidated:
             f"Left turns are measured in heavier traffic ({_TURNS}), so that there is one to wait for.",
         ),
     )  # fmt: skip
+
+
+def crashed(run: Experiment, tests: int, seed: int, threads: int | None = None) -> int:
+    """Count the tests in which the AV crashed, or others did."""
+    run.warm_up()
+    driven = drive_tests(
+        run, Tally(), "validate", seed=seed, first=0, tests=tests, threads=threads, progress=NO_PROGRESS
+    )
+    return sum(int(((out.code == outcome.AV_CRASH) | (out.bv_crashes > 0)).sum()) for _, out in driven)
+
+
+def right_of_way_taken(run: Experiment) -> Experiment:
+    """Let those that must yield to vehicles, the AV too, think that they go first; the others know what is true.
+
+    Two drivers think so then. Were the table turned for all, they would agree, as where people drive on the left.
+    """
+    site = run.setting.road.site.copy()
+    zones = site[0]["zone"][:, : site[0]["vehicle_routes"]]
+    must = (zones["yields"] != 0) & (zones["goes_first"] == 0)
+    zones["yields"][must], zones["goes_first"][must] = 0, 1
+    return replace(run, setting=run.setting._replace(road=run.setting.road._replace(site=site)))
+
+
+def priorities(true: int, taken: int, tests: int) -> SiteBar:
+    """Hold tests that crash with right of way taken against those with the true one, of as many: a negative control."""
+    low, high = poisson_interval(taken)
+    least, most = (_MORE * end for end in poisson_interval(true))
+    holds = True if low >= most else False if high < least else None
+    bar = f"at least {_MORE} times the {true} with true priorities"
+    return _bar("tests that crash, right of way taken", "", (taken, low, high), tests, None, bar, holds)
 
 
 def _bar(
@@ -118,7 +157,8 @@ def bars_of(seen: Measured, tables: Mapping[str, Table]) -> list[SiteBar]:
 
     A bar that fewer than 20 rows could judge holds neither way (None).
     """
-    return [*_of_meetings(seen, tables), *_of_kerbs(seen, tables), *_of_walks(seen, tables)]
+    facts = walks_of(tables["utah_ped_crossings"]) if "utah_ped_crossings" in tables else None
+    return [*_of_meetings(seen, tables), *([] if facts is None else [*_of_kerbs(seen, facts), *_of_walks(seen, facts)])]
 
 
 def _of_meetings(seen: Measured, tables: Mapping[str, Table]) -> list[SiteBar]:
@@ -158,10 +198,7 @@ def _of_meetings(seen: Measured, tables: Mapping[str, Table]) -> list[SiteBar]:
     return bars
 
 
-def _of_kerbs(seen: Measured, tables: Mapping[str, Table]) -> list[SiteBar]:
-    facts = walks_of(tables["utah_ped_crossings"]) if "utah_ped_crossings" in tables else None
-    if facts is None:
-        return []
+def _of_kerbs(seen: Measured, facts: Walks) -> list[SiteBar]:
     left = np.array([kerb.left for kerb in seen.kerbs], dtype=np.bool_)
     vehicles = np.array([kerb.vehicles for kerb in seen.kerbs], dtype=np.int64)
     bars = []
@@ -178,10 +215,7 @@ def _of_kerbs(seen: Measured, tables: Mapping[str, Table]) -> list[SiteBar]:
     return bars
 
 
-def _of_walks(seen: Measured, tables: Mapping[str, Table]) -> list[SiteBar]:
-    facts = walks_of(tables["utah_ped_crossings"]) if "utah_ped_crossings" in tables else None
-    if facts is None:
-        return []
+def _of_walks(seen: Measured, facts: Walks) -> list[SiteBar]:
     walks = np.sort(seen.walks)
     bars = []
     for q, data in zip((0.05, 0.15, 0.5, 0.85, 0.95), facts.speeds[1:-1], strict=True):

@@ -142,6 +142,12 @@ class SiteImport(Watched):
     ]
     out: Annotated[Path | str, meant("New site file, .json.")]
     reach: Annotated[float, meant("Routes lead so far before and behind it, where lanes do.", "m", 10, 300)] = 100.0
+    approach: Annotated[
+        float | None, meant("Lead lanes straight back to begin so far before their stop lines.", "m", 10, 300)
+    ] = None
+    limit: Annotated[
+        float | None, meant("One speed limit for all routes, in place of those of the file.", "km/h", 5, 130)
+    ] = None
     over: Annotated[
         bool, meant("Lead them back over other junctions too, by the only way or straight on; the notes name those.")
     ] = False

@@ -14,6 +14,7 @@ from cornerforge.ext.interchange.sumo_site import site_of_sumo
 from cornerforge.results.sites import RouteTold, SiteTold
 from cornerforge.results.stating import as_json
 from cornerforge.site.faults import faults_of
+from cornerforge.site.mending import with_approaches, with_limit
 from cornerforge.site.network import Site, with_amber
 from cornerforge.site.zones import Zone, with_entries_that_yield, zones_of
 from cornerforge.work.files import write_json
@@ -40,6 +41,8 @@ def site_import(options: SiteImport) -> SiteTold:
     site = site_of_sumo(file, options.junction, reach=options.reach, over=options.over)
     site = with_amber(site) if options.mend_amber else site
     site = with_entries_that_yield(site) if options.mend_entries else site
+    site = with_approaches(site, options.approach) if options.approach is not None else site
+    site = with_limit(site, options.limit / 3.6) if options.limit is not None else site
     told = _told(site, zones_of(site), (str(out),))
     write_json(out, as_json(site))
     return told
