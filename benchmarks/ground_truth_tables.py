@@ -129,7 +129,7 @@ def _share(n: int, whole: int) -> str:
 
 
 def _types(pairs: Sequence[tuple[Setting, Entry]]) -> str:
-    tables = [crash_tables(entry.crashes)["crash_types"] for _, entry in pairs]
+    tables = [crash_tables(entry.crashes, at_site=False)["crash_types"] for _, entry in pairs]
     rows = [
         [kind, *(_share(t[kind], e.counts.av_crashes) for t, (_, e) in zip(tables, pairs, strict=True))]
         for kind in tables[0]
@@ -139,7 +139,7 @@ def _types(pairs: Sequence[tuple[Setting, Entry]]) -> str:
 
 
 def _mechanisms(pairs: Sequence[tuple[Setting, Entry]]) -> str:
-    tables = [crash_tables(entry.crashes) for _, entry in pairs]
+    tables = [crash_tables(entry.crashes, at_site=False) for _, entry in pairs]
     whole = [entry.counts.av_crashes for _, entry in pairs]
     total = {name: sum(t["mechanisms"][name] for t in tables) for name in MECHANISMS}
     rows = [

@@ -93,6 +93,9 @@ class AgentContent(Closed, frozen=True):
     overlooks: Annotated[int, meant("Slot that it overlooks; -1: none, -2: all.", "", -2, 32767)]
     heeds: Annotated[int, meant("Slot that it has given way to last; -1: none.", "", -1, 32767)]
     lights_s: Annotated[float, meant("Time of the programme of the signals.", "s", -1e6, 1e6)]
+    resumes_s: Annotated[
+        float, meant("Until then it waits behind people that it let go, since the start.", "s", -1e6, 1e6)
+    ] = -1e6
 
 
 class StartContent(Closed, frozen=True):

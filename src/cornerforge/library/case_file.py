@@ -57,7 +57,7 @@ _START = {
     name: f"{name}_{_UNITS[name]}" if name in _UNITS else name for name in scripted.START_FIELDS if name not in _BODY
 }
 """Field of a start -> its name in the file."""
-_AGENT_UNITS = {"s": "m", "enters": "s", "cleared": "m", "lights": "s"}
+_AGENT_UNITS = {"s": "m", "enters": "s", "cleared": "m", "lights": "s", "resumes": "s"}
 _AGENT = {name: f"{name}_{_AGENT_UNITS[name]}" if name in _AGENT_UNITS else name for name in scripted.AGENT_FIELDS}
 """Field of a start at a site -> its name in the file."""
 _WHOLE = ("target_lane", "lanes", "signals", "away")

@@ -75,7 +75,7 @@ AT_SITE = np.dtype([*VEHICLE.descr, *AGENT.descr, ("lights", "f8")])
 """A vehicle or person at the start of a script at a site; `lights` is the time of the signals then [s], for all one."""
 AGENT_FIELDS = (
     "present", "s", "route", "stage", "marks", "enters", "headway", "gaps", "manners", "cleared", "overlooks", "heeds",
-    "lights",
+    "lights", "resumes",
 )  # fmt: skip
 """Fields of AT_SITE that make a start besides START_FIELDS; how an agent sees the world follows from the world."""
 SITE_FIELDS = (*START_FIELDS, *AGENT_FIELDS)
@@ -451,6 +451,7 @@ class ScriptDriver(Recording):
                 states[name] = array[name][:n]
         states["lights"] = w.state["clock"][0] + later
         states["enters"] -= later
+        states["resumes"] -= later
         for name in set(AGENT.names or ()) - set(AGENT_FIELDS):
             states[name] = 0
         return states

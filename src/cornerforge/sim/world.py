@@ -134,6 +134,7 @@ AGENT = _record(
     ("cleared", "f8", "it has decided to go as far as this along its route [m]"),
     ("overlooks", "i8", "slot that it overlooks; NO_VEHICLE; ALL_OF_THEM"),
     ("heeds", "i8", "slot that it has given way to last; NO_VEHICLE"),
+    ("resumes", "f8", "it waits so long behind people that it has let go, since the start [s]"),
     ("free", "f8", "acceleration with which it goes; of a person the speed [m/s2, m/s]"),
     ("stops", "f8", "acceleration with which it gives way; of a person the speed [m/s2, m/s]"),
     ("most", "f8", "it accelerates no more, so as not to run into what is ahead [m/s2]"),

@@ -53,6 +53,9 @@ class Laws:
     ] = 0.5
     to_people: Annotated[float, meant("Median gap that a driver leaves to people on their way.", "s", 0.1, 12)] = 2.5
     to_people_spread: Annotated[float, meant("Standard deviation of its log between drivers.", "", 0, 2)] = 0.5
+    after_people: Annotated[
+        float, meant("Time that a driver who waited leaves behind people, until it is where they were.", "s", 0, 10)
+    ] = 2.5
     walks: Annotated[
         tuple[float, ...], meant("Walking speeds, of which `WALK_SHARES` walk at most as fast; 0.2 to 8.", "m/s")
     ] = (0.7, 1.13, 1.31, 1.57, 1.95, 3.0, 4.0)

@@ -289,7 +289,7 @@ def _fitted(counts: Floats, begin: Floats) -> Floats:
 def _named(x: Floats) -> dict[str, float]:
     places = {
         "to_people": 0, "to_people on solid": 1, "to_people_spread": 2, "gives_way": 3, "gives_way on flashing": 4,
-        "gives_way on solid": 5, "gives_way_spread": 6, "time after a driver yields": 7,
+        "gives_way on solid": 5, "gives_way_spread": 6, "after_people": 7,
         "time after a person yields": 9,
     }  # fmt: skip
     return {name: float(np.exp(x[k])) for name, k in places.items()}

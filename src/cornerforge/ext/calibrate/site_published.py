@@ -133,6 +133,7 @@ PUBLISHED: dict[str, Published] = {
     ),
     "to_people": Published(2.5, 1.0, 5.0, "judged", "no source", "all"),
     "to_people_spread": Published(0.5, 0.25, 1.0, "judged", "no source", "all"),
+    "after_people": Published(2.5, 1.0, 6.0, "judged", "no source", "all"),
     "walks": Published(Laws().walks, 0.7, 4.0, "read", f"{_WHOLE}; the ends are judged", "bicycles"),
     "walk_change": Published(0.004, 0.002, 0.02, "judged", "no source", "all"),
     "obeys": Published(

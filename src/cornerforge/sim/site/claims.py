@@ -34,7 +34,7 @@ UNDER_WAY = 1.0
 """A vehicle this quick is under way [m/s]."""
 _LEFT_KERB = 0.05
 _RIGHT = TURNS.index("right")
-_SPURTS, _NEXT, _THROUGH = 1.5, 2.0, 0.5
+_SPURTS, _NEXT, _THROUGH = 2.2, 2.0, 0.5
 """A person may come so much nearer in a second than it walks [m]; a driver passes before one that needs so long to the
 zone, and so much longer than itself to its end [s]."""
 

@@ -31,7 +31,9 @@ from cornerforge.sim.site.moves import (
     STANDS,
     STRONGEST,
     held_then_stops_within,
+    seconds_of,
     still_stops,
+    stops_within,
     sure,
     time_to,
     to_stop,
@@ -71,7 +73,9 @@ _CLOSE = 0.3
 """Room that is kept to what stands ahead in a zone that both are in [m]."""
 _MARGIN = 0.5
 """Drivers stop so far before the place in which they would be in the way [m], and leave others so much time [s]."""
-_CRAWLS = 2.0
+_CRAWLS, _STROLLS = 2.0, 0.5
+_HALF = 0.5
+"""A driver acts at whole seconds, so it resumes at the nearest one [s]."""
 _LEFT, _RIGHT = TURNS.index("left"), TURNS.index("right")
 _NO_DOUBT, _TOO_LATE = 3.0, 0.3
 """A gap so many times the critical one is taken; one that chose to go and still waits for the last to pass goes on
@@ -276,7 +280,7 @@ def _chooses(w: World, i: int, nearest: float, until: float, since: float, site:
     worst = _worst(w, i, until)
     left: float = nearest - longer(me.length, False) - own.s - _MARGIN
     now = (me.speed < 1.0 and left < AT_LINE) or left - me.speed < 0.5 * me.speed * me.speed / one.stopping
-    if now and 0.5 * me.speed * me.speed <= HARDEST * max(left, 0.1):
+    if now and (me.speed < UNDER_WAY or stops_within(me.speed, me.acceleration) <= left):
         ratio = w.agents[worst].ratio
         sticks = False
         if w.vehicles[worst].kind != PERSON:
@@ -383,7 +387,10 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
             ):
                 waits_from, waits_to = min(waits_from, to_zone - _EDGE), min(waits_to, end)
             if to_other <= 0.0:
-                if zone.yields and v[j].kind != PERSON:
+                if v[j].kind == PERSON and speed < UNDER_WAY and to_zone < AT_LINE:
+                    behind = one.after_people - enters
+                    own.resumes = seconds_of(w) + crossing / max(v[j].speed, _STROLLS) + max(0.0, behind)
+                elif zone.yields and v[j].kind != PERSON:
                     since = min(since, -to_other / max(v[j].speed, _CRAWLS))
                 if enters < crossing / max(v[j].speed, 0.3) + _MARGIN:
                     own.most = min(own.most, to_stop(speed, to_zone - _MARGIN, one.stopping))
@@ -409,6 +416,8 @@ def look_as_driver(w: World, i: int, clock: float, fresh: bool, site: NDArray[np
                 until = zone.until
     if reach < waits_to:
         _keep_room(w, i, waits_from)
+    if speed < UNDER_WAY and own.resumes > seconds_of(w) + _HALF:
+        room = min(room, _LEAVES)
     if nearest < np.inf and not lit:
         room = min(room, _chooses(w, i, nearest, until, since, site))
     own.free = min(free, own.most)

@@ -149,6 +149,7 @@ def _join(w: World, i: int, route: int, enters: float, car: tuple[float, float])
     own.cleared = 0.0
     own.overlooks = NO_VEHICLE
     own.heeds = NO_VEHICLE
+    own.resumes = -WARM_UP
     own.marks = 0
     own.headway = 1.0
     own.gaps = 1.0
