@@ -17,7 +17,8 @@ BROWSER := .venv/.stamp-browser
 WEB := src/cornerforge/ext/explorer/static/index.html
 WHEEL := .venv-wheel
 # The wheel holds machine code for two kinds of x86-64, so that a first start compiles nothing; without: make wheel MACHINE_CODE=
-MACHINE_CODE ?= yes
+# For one of them alone, as CI does: make wheel MACHINE_CODE=x86-64-v3
+MACHINE_CODE ?= x86-64-v3 generic
 export CORNERFORGE_MACHINE_CODE := $(if $(MACHINE_CODE),$(CURDIR)/build/machine-code)
 PIP := -m pip -qq --disable-pip-version-check
 SCRIPTS := $(wildcard benchmarks/*.py docs/_site/*.py examples/*.py supply/*.py)
@@ -127,7 +128,7 @@ notebooks: kernels ## run the notebooks of docs/notebooks anew, in their order, 
 # The tests run from the unpacked source archive, without its src/: what they import can only be the installed wheel.
 wheel: $(SETUP) $(AUDIT) $(WEB) ## build the source archive and the wheel, and try them in an environment of their own: dist/
 	@rm -rf build dist $(WHEEL)
-	@$(if $(MACHINE_CODE),$(BIN)/python supply/kernels.py build/machine-code)
+	@$(if $(MACHINE_CODE),$(BIN)/python supply/kernels.py build/machine-code $(MACHINE_CODE))
 	@PIP_CONSTRAINT=constraints.txt $(BIN)/python -m build --outdir dist . >build.log 2>&1 || { cat build.log; exit 1; }
 	@PIP_CONSTRAINT=constraints.txt $(BIN)/python -m build --wheel --outdir build/direct . >build.log 2>&1 || { cat build.log; exit 1; }
 	@rm build.log

@@ -4,7 +4,7 @@ Each job is a program of its own that calls verbs with small numbers; the kernel
 these, are then kept (`cornerforge._kernel_cache`), so that a job does not compile what another one has. A job that was
 done for the same sources, processor and Numba is not done again.
 
-python supply/kernels.py [--run | FOLDER]: with --run, only what `cornerforge run` needs; with FOLDER, for the
+python supply/kernels.py [--run | FOLDER PROCESSOR...]: with --run, only what `cornerforge run` needs; with FOLDER, for
 processors of `SHIPPED`, and copied there.
 """
 
@@ -140,7 +140,9 @@ def main() -> None:
         return
     place = Path(sys.argv[1])
     place.mkdir(parents=True)
-    for processor in SHIPPED:
+    for processor in sys.argv[2:]:
+        if processor not in SHIPPED:
+            sys.exit(f"No wheel has machine code for {processor}; known: {', '.join(SHIPPED)}")
         for file in compiled(processor):
             shutil.copy(file, place)
 

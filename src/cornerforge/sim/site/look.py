@@ -274,13 +274,15 @@ def _chooses(w: World, i: int, nearest: float, until: float, since: float, site:
     counts from when the one before that came into their zone, `since` [s]; later only what is left of the gap counts.
 
     Returns:
-        Room to where it gives way [m].
+        Room to where it gives way [m]; +inf: it cannot any more, and the other has seen that.
     """
     one, me, own = site[0], w.vehicles[i], w.agents[i]
     worst = _worst(w, i, until)
     left: float = nearest - longer(me.length, False) - own.s - _MARGIN
     now = (me.speed < 1.0 and left < AT_LINE) or left - me.speed < 0.5 * me.speed * me.speed / one.stopping
-    if now and (me.speed < UNDER_WAY or stops_within(me.speed, me.acceleration) <= left):
+    if me.speed >= UNDER_WAY and stops_within(me.speed, me.acceleration) > left:
+        return np.inf
+    if now:
         ratio = w.agents[worst].ratio
         sticks = False
         if w.vehicles[worst].kind != PERSON:
