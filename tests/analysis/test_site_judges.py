@@ -242,7 +242,6 @@ def test_a_careful_driver_sees_through_no_vehicle() -> None:
 
 
 @pytest.mark.full
-@pytest.mark.filterwarnings("ignore:Site")
 def test_no_careful_driver_prevents_what_nothing_could(tmp_path: Path) -> None:
     """Of 60 such crashes 27 were "prevented by braking", since the AV had not braked; in 23 no way out exists."""
     site = {"site": "mcity-signal", "av": "rss-yield"}

@@ -12,7 +12,6 @@ import cornerforge.envs  # noqa: F401 - registers them
 from cornerforge.errors import InputError
 from cornerforge.ext.gym.spaces import N_SITE, SITE_SIZES
 
-pytestmark = pytest.mark.filterwarnings("ignore:Site:UserWarning")
 DRIVING, ADVERSARY = "cornerforge/Driving-v0", "cornerforge/Adversary-v0"
 
 

@@ -34,7 +34,6 @@ from cornerforge.site.tables import CROSS, NO_ZONE, SHARED, longer
 from cornerforge.types import N_ACTIONS, PERSON
 from cornerforge.world_options import LEARNERS, STEER_FROM, WorldOptions
 
-pytestmark = pytest.mark.filterwarnings("ignore:Site")
 SITE = WorldOptions(site="mcity-signal", av="idm-yield")
 
 

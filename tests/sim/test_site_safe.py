@@ -21,8 +21,6 @@ from cornerforge.site.tables import CROSS, NO_ZONE, longer, pose_at
 from cornerforge.work.files import write_json
 from cornerforge.world_options import WorldOptions
 
-pytestmark = pytest.mark.filterwarnings("ignore:Site")
-
 SITES = ("mcity-signal", "mcity-crossing", "mcity-two-lanes", "mcity-roundabout")
 HARDEST = -8.0
 TRUCK = (7.5, 2.3)

@@ -35,8 +35,6 @@ from cornerforge.site.tables import pose_at
 from cornerforge.types import PERSON, Odd, Scenario
 from cornerforge.world_options import WorldOptions
 
-pytestmark = pytest.mark.filterwarnings("ignore:Site")
-
 
 def careless(name: str = "mcity-signal", **options: Any) -> Experiment:
     """A run at a site whose drivers overlook others often, so that few tests hold many crashes."""

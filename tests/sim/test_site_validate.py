@@ -23,8 +23,6 @@ from cornerforge.ext.calibrate.site_validating import (
 )
 from cornerforge.world_options import WorldOptions
 
-pytestmark = pytest.mark.filterwarnings("ignore:Site")
-
 
 def folder(path: Path) -> Path:
     """Write 40 encounters at 8 signals, of which the vehicle goes first in half, 2 or 6 s apart."""

@@ -20,7 +20,6 @@ from cornerforge.sim.steering import allocate_steering, hold_to, steer_at_site
 from cornerforge.work.files import write_json
 from cornerforge.world_options import WorldOptions
 
-pytestmark = pytest.mark.filterwarnings("ignore:Site")
 SEED, SIGMAS = 4, 5.0
 """A right sampler is further off with a chance of 6e-7."""
 
