@@ -60,8 +60,9 @@ _LEAST_DECISIONS = 1_000_000
 _FEWEST_DECISIONS = 20_480
 _DECISIONS_PER_SECOND = 30_000.0
 """What a training against a built-in AV does on two busy cores, with room to spare."""
-_MOST_CASES = 3_000
-"""So many cases are enough for an analysis; what time is left goes to natural tests."""
+_MOST_CASES, _MOST_AT_SITE = 3_000, 1_000
+"""So many cases are enough for an analysis; what time is left goes to natural tests, at a site earlier: there they
+crash more often, and an adversary's crashes are seldom the AV's own doing."""
 _ENOUGH_NATURAL = 1_000
 """So many natural crashes give a rate to some 6 %; to store many more would take longer than to drive them."""
 _PORTIONS = 12
@@ -71,6 +72,8 @@ _SURE = 3.0
 _TREES_LEAST = PLAIN_TESTS + 450_000
 """Trees need so many tests, or answers for as many, before their rate can be trusted."""
 _SAMPLE, _NDE_TESTS = 512, 20_000
+_SCENES_COUNT = 60.0
+"""Where the answers to 1,000 tests take less, what an AV is shown at a site takes longer, so tests are tried [s]."""
 _BASELINE_SHARE, _LEAST_BASELINE, _MOST_BASELINE, _BASELINES = 0.05, 500, 2_048, 7
 _clock = time.perf_counter
 
@@ -188,7 +191,8 @@ class _ByClock(Job):
     def _choose(self) -> Plan:
         """Choose what fits into the time."""
         threads, av, budget = self.options.threads, self.natural.asked, 3600.0 * self._hours
-        if seconds := self.natural.seconds_of(threads, tests=1000):
+        seconds, at_site = self.natural.seconds_of(threads, tests=1000), self.options.site is not None
+        if seconds and not (at_site and seconds < _SCENES_COUNT):
             speed = 1000.0 / seconds
         else:
             tried = simulate_experiment(self.natural, tests=_SAMPLE, seed=self.seed, threads=threads)
@@ -228,7 +232,8 @@ class _ByClock(Job):
 
     def _attack(self) -> list[Portion]:
         """Drive tests of the adversary, and store its crashes in the library."""
-        portions = self._in_portions("attack", _ATTACK_UNTIL, self._attack_some, _MOST_CASES, LIBRARY_FILES)
+        most = _MOST_CASES if self.options.site is None else _MOST_AT_SITE
+        portions = self._in_portions("attack", _ATTACK_UNTIL, self._attack_some, most, LIBRARY_FILES)
         self.hostile.rest()
         return portions
 
