@@ -20,7 +20,10 @@ from cornerforge.results.analysis import Natural, NaturalKind, OwnDoing
 
 __all__ = ["Answer", "Front", "Known", "Look", "front_of", "how_often"]
 
-DRIVERS = "by the AV's own motion, or by three of four models of a careful driver"
+DRIVERS = {
+    False: "by the AV's own motion, or by three of four models of a careful driver",
+    True: "by a model of a careful driver, which keeps the rules and sees through no vehicle",
+}
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,7 @@ def front_of(known: Known) -> Front:
             _careful(known),
         ),
         _look(known),
-        "" if own is None else f"{text.share(own[0].share)} {_parts(own, 'cases')}",
+        "" if own is None else f"{text.share(own[0].share)} {_parts(own, 'cases', at_site=known.at_site)}",
     )
 
 
@@ -183,18 +186,21 @@ def how_often(road: RoadRate | None, kinds: Natural | None, *, adversary: bool, 
     return Answer(
         question,
         text.capital(short),
-        f"it touches {_OTHERS[at_site]} ({also}; from {road.basis}).{_injuries(kinds)}",
+        f"it touches {_OTHERS[at_site]} ({also}; from {road.basis}).{_injuries(kinds, at_site=at_site)}",
         _doubt(road),
     )
 
 
-def _injuries(kinds: Natural | None) -> str:
+def _injuries(kinds: Natural | None, *, at_site: bool) -> str:
     if kinds is None:
         return ""
     serious = kinds.serious_injuries
     low, high = (1e6 / end for end in reversed(serious.interval95_miles))
+    whose = "in the AV (MAIS 3 or more, by delta-v)"
+    if at_site:
+        whose += " or of a person on foot (AIS 4 or more, by the AV's speed)"
     return (
-        f" With a serious injury in the AV (MAIS 3 or more, by delta-v): {text.rate(1e6 / serious.miles_between, 2)} "
+        f" With a serious injury {whose}: {text.rate(1e6 / serious.miles_between, 2)} "
         f"per million miles (95 %: {text.interval(low, high, 2)})."
     )
 
@@ -251,9 +257,10 @@ def _prevented(known: Known, *, own: bool) -> _Prevented | None:
     return _Share(k / n, *binomial_interval(k, n), n), braked / n, (k - braked) / n
 
 
-def _parts(found: _Prevented, kind: str) -> str:
+def _parts(found: _Prevented, kind: str, *, at_site: bool) -> str:
     braking, left_out = map(text.share, found[1:])
-    return f"({found[0].words} {kind}; {DRIVERS}): {braking} by braking, {left_out} by leaving out what the AV began."
+    by = DRIVERS[at_site]
+    return f"({found[0].words} {kind}; {by}): {braking} by braking, {left_out} by leaving out what the AV began."
 
 
 def _careful(known: Known) -> Answer:
@@ -264,11 +271,11 @@ def _careful(known: Known) -> Answer:
     if prevented is not None:
         share = prevented[0].share
         short = f"In {text.share(share)} of them" if share > 0.0 else "None of them"
-        words.append(_parts(prevented, kind))
+        words.append(_parts(prevented, kind, at_site=known.at_site))
     if ways is not None:
         reaction = (known.natural or known.analysis).judges.lead.reaction_s  # type: ignore[union-attr]
         words.append(
-            f"In hindsight, an AV that brakes or steers as well as can be {text.rate(reaction, 2)} s after the "
+            f"In hindsight, an AV that {'chooses its speed' if known.at_site else 'brakes or steers'} as well as can be {text.rate(reaction, 2)} s after the "
             f"manoeuvre that led to it began could have avoided {text.share(ways.share)} ({ways.words})."
         )
         short = short or f"{text.share(ways.share)} could have been avoided"

@@ -63,6 +63,26 @@ KINDS: dict[str, tuple[str, str]] = {
     "lane-end": (
         "where its lane ends", "The AV is where its lane ends, and neither came into the path of the other."
     ),
+    "person-right-turn": (
+        "a person, as it turns right", "The AV, on a way to the right, and a person on a crosswalk touch."
+    ),
+    "person-left-turn": (
+        "a person, as it turns left", "The AV, on a way to the left, or back, and a person on a crosswalk touch."
+    ),
+    "person-straight": (
+        "a person, straight on", "The AV, on a way straight on, and a person on a crosswalk touch."
+    ),
+    "rear-end-by-av": ("runs into the one ahead", "The AV runs into the rear of a vehicle ahead on its way."),
+    "rear-end-by-bv": ("struck from behind", "A vehicle behind on its way runs into the AV's rear."),
+    "left-across-by-av": (
+        "turns left across another's way", "The AV turns left across the way of an oncoming vehicle."
+    ),
+    "left-across-by-bv": ("one turns left across its way", "An oncoming vehicle turns left across the AV's way."),
+    "angle": ("ways cross", "The ways of the AV and of another vehicle cross, from one side, and they touch there."),
+    "sideswipe": (
+        "side by side", "The ways of the AV and of another lead into one lane, or part, and they touch side by side."
+    ),
+    "other-at-site": ("another way, at a site", "The AV and another touch at a site in a way that has no name here."),
     "other": ("another way", "The AV and another vehicle touch in a way that has no name here."),
 }  # fmt: skip
 """Mechanism (`analysis.mechanism`) -> a few words about the AV, and a sentence."""
