@@ -274,9 +274,10 @@ def _careful(known: Known) -> Answer:
         words.append(_parts(prevented, kind, at_site=known.at_site))
     if ways is not None:
         reaction = (known.natural or known.analysis).judges.lead.reaction_s  # type: ignore[union-attr]
+        does = "chooses its speed" if known.at_site else "brakes or steers"
         words.append(
-            f"In hindsight, an AV that {'chooses its speed' if known.at_site else 'brakes or steers'} as well as can be "
-            f"{text.rate(reaction, 2)} s after the manoeuvre that led to it began could have avoided {text.share(ways.share)} ({ways.words})."
+            f"In hindsight, an AV that {does} as well as can be {text.rate(reaction, 2)} s after the "
+            f"manoeuvre that led to it began could have avoided {text.share(ways.share)} ({ways.words})."
         )
         short = short or f"{text.share(ways.share)} could have been avoided"
     if not words:
