@@ -201,7 +201,7 @@ def _enters(at: float, way: float, low: float, high: float, first: float, last: 
 
 @kernel
 def _hider(w: World, i: int, turned: bool) -> int:
-    """Which vehicle hides vehicle i from the AV's middle, if others hide it wholly; else NO_VEHICLE.
+    """Find the vehicle that hides vehicle i from the AV's middle, if others hide it wholly; else NO_VEHICLE.
 
     Boxes are opaque; people hide nothing. Where several hide it together, the one before its middle.
 

@@ -211,7 +211,8 @@ def _arrival(
                 return 0, np.inf
             stopped = True
     top = max(speed_at(site, other.route, zone.other_begin), speed)
-    arrival = time_to(room, speed, top, max(one.acceleration * (1.0 - speed / top) ** 2, 0.05))
+    slower = 1.0 - speed / top
+    arrival = time_to(room, speed, top, max(one.acceleration * slower * slower, 0.05))
     if (zone.yields or on_red) and not stopped:
         return 2, arrival
     goes = not will_stop(speed, room - _MARGIN) or (room < 1.0 and speed > STANDS)
