@@ -52,8 +52,9 @@ __all__ = ["spend"]
 TRAINING_SHARE = 0.4
 """A training against the AV itself takes this share of the time at most, else a stand-in is trained against."""
 _STAND_IN_SHARE = 0.12
-_ATTACK_UNTIL, _NATURAL_UNTIL = 0.75, 0.92
-"""Shares of the time at which tests of the adversary, and natural tests, end; analysis and page come after."""
+_ATTACK_UNTIL, _NATURAL_UNTIL, _NATURAL_AT_SITE = 0.75, 0.92, 0.84
+"""Shares of the time at which tests of the adversary, and natural tests, end; analysis and page come after. At a site
+these take longer, and a first start compiles more."""
 _DECISIONS = 2_500_000
 _LEAST_DECISIONS = 1_000_000
 """A training against the AV itself is no shorter; a stand-in is better then."""
@@ -273,7 +274,8 @@ class _ByClock(Job):
         """Drive natural tests, unless there is time for trees."""
         if self._plan.trees:
             return []
-        return self._in_portions("natural", _NATURAL_UNTIL, self._drive_some, _ENOUGH_NATURAL)
+        until = _NATURAL_UNTIL if self.options.site is None else _NATURAL_AT_SITE
+        return self._in_portions("natural", until, self._drive_some, _ENOUGH_NATURAL)
 
     def _drive_some(self, first: int, tests: int) -> Portion:
         run = self.natural
