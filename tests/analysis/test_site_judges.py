@@ -70,6 +70,8 @@ def test_one_that_turns_left_gives_way() -> None:
     words = what_happened(case)
     assert words.startswith("The AV, turning left at 4 m/s,")
     assert "a car that came straight on from ahead at 7 m/s with the right of way" in words
+    from_the_side = at_clock(SIGNAL, meeting(SIGNAL, ACROSS, LEFT, (5.0, 4.0)), EAST_WEST)
+    assert mechanism_of(from_the_side).name == "angle", "the south's lanes come at 100 degrees to those from the west"
     turned = at_clock(SIGNAL, meeting(SIGNAL, STRAIGHT, LEFT, (7.0, 4.0)), NORTH_SOUTH)
     assert mechanism_of(turned).name == "left-across-by-bv"
     assert fault(turned) == ("bv", "none", "right of way: did not give way to a vehicle")

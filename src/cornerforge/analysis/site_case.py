@@ -5,8 +5,8 @@ The other agent is the one that the AV touched. Which kind of crash it was is to
 - a person: by the turn of the AV's route (`person-right-turn`, `person-left-turn`, `person-straight`);
 - the front of one met the rear of the other, headings less than 40 degrees apart, and their routes do not merely cross:
   `rear-end-by-av`, `rear-end-by-bv`;
-- the routes cross, one turns left, and the two faced each other, more than 90 degrees apart, both on the approach and
-  at the contact: `left-across-by-av`, `left-across-by-bv`;
+- the routes cross, one turns left, and the two faced each other, more than 135 degrees apart on the approach and more
+  than 90 at the contact: `left-across-by-av`, `left-across-by-bv`;
 - the routes cross otherwise: `angle`;
 - they share a lane before or behind, or cross with less than 40 degrees: `sideswipe`; never meet: `other-at-site`.
 """
@@ -56,11 +56,11 @@ KINDS_AT_SITES: dict[str, str] = {
 """Name and meaning of the kinds of crash at a site."""
 
 _LEFT, _RIGHT, _BACK = (TURNS.index(turn) for turn in ("left", "right", "back"))
-_SAME, _FACING = math.radians(40.0), math.radians(90.0)
+_SAME, _FACING, _ONCOMING = (math.radians(limit) for limit in (40.0, 90.0, 135.0))
 _IN_LINE = 0.5
 _KERB = 0.05
 """A person within so much of its route's begin has not left the kerb [m], as in `sim.site.people`."""
-CAME_OUT_S, _HIDDEN_S = 3.0, 0.5
+_CAME_OUT_S, _HIDDEN_S = 3.0, 0.5
 """One that was hidden until so short before the contact, for so long at least, came out from behind a vehicle [s]."""
 _PAST_LINE = 0.5
 """A front so far behind a stop line has passed it [m]."""
@@ -186,12 +186,12 @@ class SiteCase:
     def came_out(self) -> tuple[int, int]:
         """Vehicle behind which the partner was hidden until shortly before, and its last frame there.
 
-        Until within `CAME_OUT_S` of the contact, for `_HIDDEN_S` at least; (NO_VEHICLE, -1) else.
+        Until within `_CAME_OUT_S` of the contact, for `_HIDDEN_S` at least; (NO_VEHICLE, -1) else.
         """
         hidden = self.hidden_by != NO_VEHICLE
-        recent = hidden[-round((CAME_OUT_S + _HIDDEN_S) / FRAME_S) - 1 :]
+        recent = hidden[-round((_CAME_OUT_S + _HIDDEN_S) / FRAME_S) - 1 :]
         frames = np.flatnonzero(hidden)
-        if recent.sum() * FRAME_S < _HIDDEN_S or (self.last - frames[-1]) * FRAME_S > CAME_OUT_S:
+        if recent.sum() * FRAME_S < _HIDDEN_S or (self.last - frames[-1]) * FRAME_S > _CAME_OUT_S:
             return NO_VEHICLE, -1
         return int(self.hidden_by[frames[-1]]), int(frames[-1])
 
@@ -354,7 +354,7 @@ def kind_at_site(case: SiteCase) -> str:
         return "other-at-site"
     ways = [case.road.site[0]["place"][case.route[i], 0]["heading"] for i in pair]
     came_apart = abs((ways[1] - ways[0] + np.pi) % (2.0 * np.pi) - np.pi)
-    if apart > _FACING and came_apart > _FACING:
+    if apart > _FACING and came_apart > _ONCOMING:
         for name, turn, against in (("av", turns[0], turns[1]), ("bv", turns[1], turns[0])):
             if turn in (_LEFT, _BACK) and against not in (_LEFT, _BACK):
                 return f"left-across-by-{name}"

@@ -142,9 +142,10 @@ def why_only_counting(max_tests: int) -> str | None:
 
 def _why_counting(run: Experiment, counts: MonteCarlo, target: float) -> str | None:
     """Say why counting is the faster way; None if trees are, or if it is not known."""
-    if run.setting.road.stops or run.odd.site is not None:
-        where = "at a site" if run.odd.site is not None else "where lanes end or traffic stops"
-        return f"{where}, what is dangerous would have to be learned anew, which --method splitting does"
+    if run.setting.road.stops:
+        return "where lanes end or traffic stops, what is dangerous would have to be learned anew, for hours"
+    if run.odd.site is not None:
+        return "at a site what is dangerous would have to be learned anew, which --method splitting does"
     width = counts.half_width()
     if counts.av_crashes < ENOUGH_TO_FORESEE or width is None:
         return None
