@@ -23,6 +23,8 @@ export CORNERFORGE_MACHINE_CODE := $(if $(MACHINE_CODE),$(CURDIR)/build/machine-
 PIP := -m pip -qq --disable-pip-version-check
 SCRIPTS := $(wildcard benchmarks/*.py docs/_site/*.py examples/*.py supply/*.py)
 LINTED := src tests $(SCRIPTS) docs/notebooks
+# CI names a processor; a user does not.
+AS_A_USER := env -u PYTHONPATH -u NUMBA_CPU_NAME -u NUMBA_CPU_FEATURES
 # Tests of the installed wheel: storage, queries, processes of AVs, pictures, metrics, and the bits of a drive. They compile little.
 WHEEL_TESTS := tests/adversary/test_policy_file.py tests/foreign/test_av_process.py tests/library tests/metrics \
 	tests/report/test_report_figures.py tests/sim/test_digests.py tests/test_public_api.py
@@ -137,10 +139,10 @@ wheel: $(SETUP) $(AUDIT) $(WEB) ## build the source archive and the wheel, and t
 	@.venv-audit/bin/python tests/installed/bill.py dist
 	@$(call venv,$(WHEEL))
 	@$(WHEEL)/bin/python $(PIP) install --no-compile -c constraints.txt dist/*.whl
-	@$(WHEEL)/bin/python -I tests/installed/as_a_user.py
+	@$(AS_A_USER) $(WHEEL)/bin/python -I tests/installed/as_a_user.py
 	@$(WHEEL)/bin/python $(PIP) install --no-compile -c constraints.txt "$$(ls dist/*.whl)[all]" hypothesis onnx pytest pytest-xdist
 	@mkdir $(WHEEL)/source && tar -xzf dist/*.tar.gz --strip-components 1 -C $(WHEEL)/source && rm -r $(WHEEL)/source/src
-	@cd $(WHEEL)/source && env -u PYTHONPATH ../bin/python -m pytest -q -n auto --dist loadfile $(WHEEL_TESTS)
+	@cd $(WHEEL)/source && $(AS_A_USER) ../bin/python -m pytest -q -n auto --dist loadfile $(WHEEL_TESTS)
 
 lowest: $(LOWEST) ## run tests with the lowest versions that pyproject.toml allows (some gigabytes: old torch with its GPU libraries)
 	@env -u PYTHONPATH .venv-lowest/bin/python -m pytest -q -p no:cacheprovider -W default::DeprecationWarning \

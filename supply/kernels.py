@@ -103,7 +103,8 @@ def compiled(processor: str | None, names: Sequence[str] = tuple(JOBS)) -> list[
     """Do jobs for a processor, this one by default, if that was not done yet; return the files of machine code."""
     if not cache_folder():
         sys.exit("No folder for machine code can be written; name one in NUMBA_CACHE_DIR.")
-    told = f"{code_hash()} {target()} {processor} {[(name, JOBS[name]) for name in names]}"
+    named = processor or os.environ.get("NUMBA_CPU_NAME")
+    told = f"{code_hash()} {target()} {named} {[(name, JOBS[name]) for name in names]}"
     stamp = Path(cache_folder()) / f"all-{hashlib.sha256(told.encode()).hexdigest()[:16]}.stamp"
     if not stamp.exists():
         print(f"Compiling the simulator{f' for {processor}' if processor else ''} (once)", file=sys.stderr)
