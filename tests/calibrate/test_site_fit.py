@@ -216,6 +216,7 @@ def test_walking_and_disobedience_are_counted(tmp_path: Path) -> None:
             "CrossDist": [50] * n, "cross_sec": ["" if k % 50 == 0 else s for k, s in enumerate(seconds)],
             "VehiclesNext10": [(k // 4) % 6 for k in range(n)], "CrossBehSpeed": [k % 100 == 1 for k in range(n)],
             "TimeWaitArr_ped_status": [solid] * n, "TimeCurbDep_ped_status": [solid if one else walk for one in left],
+            "TimeWaitClean": [5] * n, "TimeCurbDep_sec_next_walk": [2 if k // 24 % 2 else 9 for k in range(n)],
         },
     )  # fmt: skip
     found = walks_of(read_site_data(path.parent)["utah_ped_crossings"])
@@ -228,6 +229,34 @@ def test_walking_and_disobedience_are_counted(tmp_path: Path) -> None:
     changed = sum(1 for k in range(n) if k % 100 == 1)
     time = sum(s for k, s in enumerate(seconds) if k % 50 and k % 10 != 9)
     assert found.changes.value == pytest.approx(changed / time)
+    assert found.takes.value == pytest.approx(0.125, abs=0.01)  # of those that left half did so just before walk
+    assert found.early.value == pytest.approx(0.125 / 0.875, abs=0.01)
+
+
+def test_patience_comes_back_from_who_still_leaves_after_a_wait(tmp_path: Path, seed: int) -> None:
+    """Four in ten take a gap; with vehicles about it comes late, and those whose patience ends before wait for walk."""
+    rng = np.random.default_rng(seed)
+    n = 8000
+    busy, takes = rng.random(n) < 0.6, rng.random(n) < 0.4
+    comes, patience = rng.uniform(1.0, 25.0, n) * busy, rng.exponential(12.0, n)
+    leaves = takes & (comes <= patience)
+    path = write(
+        tmp_path, "utah_ped_crossings",
+        {
+            "Signal": [k % 20 for k in range(n)], "OtherBicycle": [False] * n, "CrossDist": [50] * n,
+            "cross_sec": [10] * n, "CrossBehSpeed": [False] * n,
+            "VehiclesNext10": [(1 + k % 5) * int(one) for k, one in enumerate(busy)],
+            "TimeWaitArr_ped_status": ["Solid Don't Walk"] * n,
+            "TimeCurbDep_ped_status": ["Solid Don't Walk" if one else "Walk" for one in leaves],
+            "TimeWaitClean": list(np.where(leaves, comes, 30.0)), "TimeCurbDep_sec_next_walk": [20] * n,
+        },
+    )  # fmt: skip
+    found = walks_of(read_site_data(path.parent)["utah_ped_crossings"])
+    assert found is not None
+    assert found.patience.n == np.count_nonzero(leaves & busy)
+    assert found.patience.value == pytest.approx(12.0, rel=0.25)
+    assert found.patience.low < found.patience.value < found.patience.high
+    assert found.takes.value == pytest.approx(0.4, abs=0.05)
 
 
 def test_step_backs_are_counted_over_the_time_on_the_lane(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ import pytest
 
 import cornerforge
 from cornerforge.experiment.setting import experiment
+from cornerforge.experiment.sites import laws_named
 from cornerforge.ext.calibrate import site_measures
 from cornerforge.ext.calibrate.site_data import read_site_data
 from cornerforge.ext.calibrate.site_measures import CRASH_KINDS, Kerb, Measured, Meeting, Turn, crash_kinds, measures
@@ -21,6 +22,8 @@ from cornerforge.ext.calibrate.site_validating import (
     site_did_not_pass,
     site_validation_text,
 )
+from cornerforge.results.stating import as_json
+from cornerforge.work.files import write_json
 from cornerforge.world_options import WorldOptions
 
 
@@ -63,6 +66,46 @@ def test_people_are_measured_as_they_walk() -> None:
     assert all(isinstance(kerb, Kerb) for kerb in seen.kerbs)
     again = measures(scenarios[:6], zones), measures(scenarios[6:], zones)
     assert seen.walks == again[0].walks + again[1].walks
+
+
+def leavers(tmp_path: Path, tests: int, **laws: float) -> list[tuple[bool, float]]:
+    """Of all that come on don't walk: do they leave before it ends, and how long before [s]."""
+    file = tmp_path / "laws.json"
+    write_json(file, as_json(replace(laws_named(None), walks_blindly=0.0, **laws)))
+    run = experiment(WorldOptions(site="mcity-signal", av="idm-yield", site_traffic="people=200", site_laws=str(file)))
+    zones, recorder = run.setting.road.site[0]["zone"], run.recorder()
+    found = []
+    for seen in (site_measures._seen(recorder.record(2, test), zones) for test in range(tests)):
+        for person in (one for one in seen.tracks if one.person and one.begin > 0):
+            came, left = person.begin * 0.1, person.when(0.1)
+            if seen.walk(person.route, came) == 0 and left == left:
+                before = next((t for t in np.arange(0.0, 40.0, 0.1) if seen.walk(person.route, left + t) == 2), 40.0)
+                found.append((seen.walk(person.route, left) == 0, float(before)))
+    return found
+
+
+def test_people_on_dont_walk_obey_or_take_a_gap_or_start_early(tmp_path: Path) -> None:
+    none = leavers(tmp_path, 15, obeys=1.0, starts_early=0.0)
+    assert len(none) > 20
+    assert not any(left for left, _ in none)
+    early = [before for left, before in leavers(tmp_path, 15, obeys=1.0, starts_early=1.0) if left]
+    assert len(early) > 10
+    assert max(early) < 2.7
+    often = [left for left, _ in leavers(tmp_path, 15, obeys=0.0, starts_early=0.0, patience=1000.0)]
+    seldom = [left for left, _ in leavers(tmp_path, 15, obeys=0.0, starts_early=0.0, patience=0.5)]
+    assert sum(often) > 1.5 * sum(seldom) > 0
+
+
+def test_only_people_that_came_early_enough_for_any_wait_are_counted() -> None:
+    run = experiment(WorldOptions(site="mcity-signal", av="idm-yield"))
+    assert run.odd.site is not None
+    assert site_measures._longest_wait(run.odd.site) == pytest.approx(23.0)  # 38 s, of which 15 are green
+    zones = run.setting.road.site[0]["zone"]
+    stands = [site_measures._Track(13, True, 0.5, begin, np.zeros(300 - begin), np.zeros(300)) for begin in (60, 80)]
+    for clock in np.arange(0.0, 38.0, 0.5):
+        seen = site_measures._Seen(run.odd.site, zones, stands, [], float(clock), 29.9)
+        on_dont_walk = [seen.walk(13, one.begin * 0.1) == 0 for one in stands]
+        assert len(site_measures._kerbs(seen)) == int(on_dont_walk[0])  # the second came after 8 s of 29.9
 
 
 def drives(route: int, *way: tuple[float, float]) -> site_measures._Track:

@@ -10,6 +10,7 @@ import pytest
 
 import cornerforge
 from cornerforge.analysis.site_case import KINDS_AT_SITES
+from cornerforge.errors import InputError
 from cornerforge.experiment.sites import laws_named
 from cornerforge.results.stating import as_json
 from cornerforge.verbs.sentences.rates import rated_text
@@ -52,3 +53,10 @@ def test_trees_are_driven_at_a_site_where_they_are_asked_for(tmp_path: Path, met
     assert rate.crashes_per_million_entering == pytest.approx(1e6 * rate.crashes_per_test)
     assert sum(kind.crashes_per_test for kind in rate.mechanism_rates.values()) == pytest.approx(rate.crashes_per_test)
     assert rate.mechanism_rates.keys() <= KINDS_AT_SITES.keys()
+
+
+@pytest.mark.parametrize("method", ["splitting", "is"])
+def test_trees_are_refused_where_people_err_so_often_that_they_would_not_end(tmp_path: Path, method: str) -> None:
+    often = laws(tmp_path, overlooks_vehicle=0.02, looks_away=0.3)
+    with pytest.raises(InputError, match=r"more than 1% .*\(overlooks_vehicle, looks_away\).*--method mc"):
+        cornerforge.rate(site="mcity-signal", av="idm-yield", site_laws=often, method=method, max_tests=10**6)

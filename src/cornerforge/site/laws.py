@@ -9,10 +9,12 @@ from typing import Annotated
 from cornerforge._checks import check_number
 from cornerforge._schema import check_fields, meant
 
-__all__ = ["LAWS_FILE", "WALK_SHARES", "Demand", "Laws"]
+__all__ = ["ERRORS", "LAWS_FILE", "WALK_SHARES", "Demand", "Laws"]
 
 LAWS_FILE = Path(__file__).with_name("laws.json")
 """Laws that come with cornerforge, as `cornerforge site fit` wrote them."""
+ERRORS = ("runs_red", "overlooks_vehicle", "overlooks_person", "looks_away", "walks_blindly")
+"""Fields of `Laws` that are chances of human errors."""
 WALK_SHARES = (0.0, 0.05, 0.15, 0.5, 0.85, 0.95, 1.0)
 """Shares of people that walk at most as fast as the entries of `Laws.walks`."""
 
@@ -60,11 +62,20 @@ class Laws:
         tuple[float, ...], meant("Walking speeds, of which `WALK_SHARES` walk at most as fast; 0.2 to 8.", "m/s")
     ] = (0.7, 1.13, 1.31, 1.57, 1.95, 3.0, 4.0)
     walk_change: Annotated[float, meant("Chance that a person changes the speed in a second.", "", 0, 0.5)] = 0.02
-    obeys: Annotated[float, meant("Share of people that never leave the kerb on Don't Walk.", "", 0, 1)] = 0.47
+    obeys: Annotated[float, meant("Share of people that take no gap on Don't Walk.", "", 0, 1)] = 0.57
+    patience: Annotated[
+        float, meant("Mean time that a person waits for a gap on Don't Walk, before it waits for Walk.", "s", 0, 1000)
+    ] = 15.0
+    starts_early: Annotated[
+        float, meant("Share of people that leave the kerb up to 2.5 s before Walk, if nothing comes.", "", 0, 1)
+    ] = 0.12
     gap_walk: Annotated[float, meant("Median critical gap of a person, for each lane to cross.", "s", 0.5, 15)] = 4.95
     gap_walk_spread: Annotated[float, meant("Standard deviation of its log between people.", "", 0, 1)] = 0.25
     gives_way: Annotated[float, meant("Median gap below which a person on Walk lets a vehicle go.", "s", 0.1, 8)] = 1.5
     gives_way_spread: Annotated[float, meant("Standard deviation of its log between people.", "", 0, 2)] = 0.5
+    after_vehicles: Annotated[
+        float, meant("Time that a person who waited leaves behind a vehicle, until it is where it was.", "s", 0, 10)
+    ] = 5.0
     steps_back: Annotated[
         float, meant("Chance in a second that a person on the road stops for a vehicle that does not.", "", 0, 1)
     ] = 0.5

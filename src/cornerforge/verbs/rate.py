@@ -25,6 +25,7 @@ from cornerforge.rates.plain import ASKED, ENOUGH_TO_FORESEE, PlainTests, cost_o
 from cornerforge.rates.splitting import TREES, Splitting, kind_rates
 from cornerforge.results import NaturalRate, as_json
 from cornerforge.results.driving import Effort
+from cornerforge.site.laws import ERRORS, Laws
 from cornerforge.verbs.options.driving import Rate
 
 __all__ = ["rate", "rate_without_copies", "why_only_counting"]
@@ -35,6 +36,8 @@ _TREES_TAKE_S = 300.0
 TREES_TAKE_TESTS = 1_000_000
 """For an AV from outside: so many plain tests last as long."""
 _MANY_TESTS = 10_000_000
+_SELDOM = 0.01
+"""At a site trees are for errors that are no likelier than this (ADR 86)."""
 _NO_CRASH = "no tree found a crash, so rate and interval are those of the plain tests"
 
 
@@ -76,7 +79,7 @@ def _measured(options: Rate, weighted: str) -> NaturalRate:
     run = experiment(options.world(), takes_foreign=True, seed=options.seed)
     if options.model_draws:
         extension("model draws").check_model_draws(options.model_draws, run.model)
-    only_mc = why_only_counting(options.max_tests)
+    only_mc = why_only_counting(options.max_tests, run.odd.laws)
     if options.method in ("is", "splitting") and only_mc is not None:
         raise InputError(f"Method {options.method} cannot be used: {only_mc}")
     folder = None if options.out is None else Path(options.out)
@@ -128,8 +131,8 @@ def _measured(options: Rate, weighted: str) -> NaturalRate:
 # Choosing
 
 
-def why_only_counting(max_tests: int) -> str | None:
-    """Say why only counting is possible; None if trees and importance sampling are."""
+def why_only_counting(max_tests: int, laws: Laws | None) -> str | None:
+    """Say why only counting is possible, by the laws of a site too; None if trees and importance sampling are."""
     if importlib.util.find_spec("torch") is None:
         return 'teaching needs torch; install it with: pip install "cornerforge[learn]"'
     from cornerforge.rates.teaching import TEACHING_TREES
@@ -137,6 +140,12 @@ def why_only_counting(max_tests: int) -> str | None:
     least = PLAIN_TESTS + TEACHING_TREES + TREES
     if max_tests < least:
         return f"--max-tests is below {least:,}, too few to learn what is dangerous."
+    often = [] if laws is None else [name for name in ERRORS if getattr(laws, name) > _SELDOM]
+    if often:
+        return (
+            f"people err in more than {_SELDOM:.0%} of their chances to ({', '.join(often)}), so trees would branch "
+            "without end; such crashes are counted soon (--method mc)."
+        )
     return None
 
 

@@ -17,6 +17,7 @@ from cornerforge.results.stating import as_json
 from cornerforge.sim import Script, outcome, steering
 from cornerforge.sim.runner import simulate_chunks
 from cornerforge.sim.steering import allocate_steering, hold_to, steer_at_site
+from cornerforge.site.laws import ERRORS
 from cornerforge.work.files import write_json
 from cornerforge.world_options import WorldOptions
 
@@ -40,8 +41,7 @@ def test_held_words_give_what_they_are_held_to() -> None:
 def run(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
     """Careless people, and an AV that sees late and not always: one test in thirty ends in its crash."""
     file: Path = tmp_path_factory.mktemp("laws") / "laws.json"
-    names = ("runs_red", "overlooks_vehicle", "overlooks_person", "looks_away", "walks_blindly")
-    errors: dict[str, Any] = dict.fromkeys(names, 0.04)
+    errors: dict[str, Any] = dict.fromkeys(ERRORS, 0.04)
     write_json(file, as_json(replace(laws_named(None), **errors)))
     late = "latency=0.5,dropout=0.05"
     return experiment(WorldOptions(site="mcity-signal", av="idm-yield", site_laws=str(file), perception=late))

@@ -58,7 +58,7 @@ SITE_FILES = (
     ),
     SiteFile(
         "utah_ped_crossings", "people at signals, Utah", f"{_UTAH} (UDOT-20.313)",
-        ("crossdist", "cross_sec", "vehiclesnext10"),
+        ("crossdist", "cross_sec", "vehiclesnext10", "timewaitclean", "timecurbdep_sec_next_walk"),
         ("signal", "otherbicycle", "crossbehspeed", "timewaitarr_ped_status", "timecurbdep_ped_status"), True,
     ),
     SiteFile(

@@ -52,6 +52,8 @@ _LEAVES_OUT = {
     "walks": "bicycles; all of the crossing's width over whole seconds",
     "walk_change": "stops on the way (0.8 % of groups)",
     "obeys": "people to whom walk came before they had a chance count as obedient",
+    "patience": "waits longer than 30 s count as 30 s; without that it is longer",
+    "starts_early": "signal times are of a clock of their own, by up to some tenths of a second",
     "gap_walk": "Germany; Japan is in the facts. Virtual reality: gaps in a street may be shorter. One lane, no zebra",
     "gap_walk_spread": "it holds what one person varies by, too",
     "steps_back": "it takes each step back and each collision as one try over the median time on the lane",
@@ -60,6 +62,7 @@ _LEAVES_OUT = {
     "after_people": "median; its log's standard deviation between drivers, 0.21, is left out. Right turns only",
     "gives_way": "on walk; the arrival difference is taken as uniform",
     "gives_way_spread": "hardly told by whole seconds: see the interval",
+    "after_vehicles": "median, of those up to 10 s; that it scatters between people as `gives_way` is judged",
 }
 
 
@@ -196,8 +199,10 @@ def _walking(table: Table, told: _Told) -> None:
         "walks", walks.speeds[3], f"{name}, ends from the 1 and 99 % quantiles", tuple(s.value for s in walks.speeds)
     )
     told.law("walk_change", walks.changes, f"{name}, groups that changed speed over seconds walked")
-    alone = walks.leave[1]
-    told.law("obeys", Found(1 - alone.value, 1 - alone.high, 1 - alone.low, alone.n, alone.groups), name)
+    takes = walks.takes
+    told.law("obeys", Found(1 - takes.value, 1 - takes.high, 1 - takes.low, takes.n, takes.groups), name)
+    told.law("patience", walks.patience, f"{name}, people that leave the later, the fewer")
+    told.law("starts_early", walks.early, f"{name}, of those that still wait 2.5 s before walk")
     for k, (part, stated) in enumerate(zip((5, 15, 50, 85, 95), _STATED_WALKS, strict=True)):
         speed, (here, there, n) = walks.speeds[k + 1], walks.apart
         told.fact(f"walking speed, {part} % quantile", "m/s", speed, name, speed.value, stated)
@@ -239,6 +244,7 @@ def _gaps(table: Table, told: _Told) -> None:
 def _right_turns(fit: EncounterFit, told: _Told, name: str) -> None:
     for law in ("to_people", "to_people_spread", "after_people", "gives_way", "gives_way_spread"):
         told.law(law, fit.values[law], f"{name}, by likelihood")
+    told.law("after_vehicles", fit.values["after_vehicles"], f"{name}, people that let a vehicle go")
     for other in sorted(fit.values.keys() - told.laws.keys()):
         told.fact(f"median, {other}" if "spread" not in other else other, "s", fit.values[other], f"{name}, fitted")
     of_laws = [None, *(float(chance[:2].sum()) for chance in fit.expected)]

@@ -273,24 +273,37 @@ def _turns(seen: _Seen) -> tuple[list[Turn], list[float]]:
 
 
 def _kerbs(seen: _Seen) -> list[Kerb]:
-    """Find people that came on don't walk, and were there, or could have been, until walk."""
+    """Find people that came on don't walk, so early that walk came before the recording ended, whenever they did.
+
+    Were all taken that saw walk, those would be too many that waited a short time.
+    """
     found = []
-    step = 0.5
+    longest = _longest_wait(seen.site)
     for person in seen.tracks:
         came = person.begin * FRAME_S
-        if not person.person or person.begin == 0 or seen.walk(person.route, came) != 0:
+        late = came + longest > seen.seconds
+        if not person.person or person.begin == 0 or late or seen.walk(person.route, came) != 0:
             continue
-        walks = next((t for t in np.arange(came, seen.seconds, step) if seen.walk(person.route, t) == 2), None)
         left = person.when(0.1)
-        if walks is None or (np.isnan(left) and walks > seen.seconds - 2.0):
-            continue
         vehicles = 0
         for other in seen.tracks + seen.av:
             zone = seen.zones[person.route, other.route, 0]
             if not other.person and zone["kind"] == CROSS:
                 vehicles += bool(came <= other.when(zone["other_begin"] - longer(other.length, False)) < came + 10.0)
-        found.append(Kerb(bool(left < walks) and seen.walk(person.route, left) == 0, vehicles))
+        first = np.isfinite(left) and not any(seen.walk(person.route, t) > 0 for t in np.arange(came, left, FRAME_S))
+        found.append(Kerb(bool(first) and seen.walk(person.route, left) == 0, vehicles))
     return found
+
+
+def _longest_wait(site: Site) -> float:
+    """Find the longest time without a green light for people [s]."""
+    ends = np.concatenate([[0.0], np.cumsum([phase.seconds for phase in site.programme])])
+    longest = 0.0
+    for signal in {route.signal for route in site.routes if route.turn == "walk" and route.signal >= 0}:
+        greens = [n for n, phase in enumerate(site.programme) if phase.states[signal] in "gG"]
+        for n, then in zip(greens, greens[1:] + greens[:1], strict=True):
+            longest = max(longest, (ends[then] - ends[n + 1]) % ends[-1])
+    return longest
 
 
 def _walks(seen: _Seen) -> list[float]:

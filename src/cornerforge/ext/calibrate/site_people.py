@@ -29,6 +29,12 @@ _FINE = 20
 _YIELDS = ("Stopped and waited for the vehicle", "Slowed down to avoid collision")
 _SOLID = "Solid Don't Walk"
 _TRAFFIC = ((0, 0), (1, 1), (2, 3), (4, 99))
+_EARLY = 2.5
+"""Who leaves less than this before walk only starts early [s]: a third of those that leave on don't walk do."""
+_LONG = 30.0
+"""Waits for a gap count up to so long [s]: beyond it a few people would count most."""
+_RATES = (1e-3, 1.0)
+"""Least and most impatience that is looked for [1/s]."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +70,9 @@ class Walks:
         changes: Chance in a second that somebody changes the speed.
         leave: Share that leaves on solid don't walk, of those that came on it: of all, and with 0, 1, 2-3, 4 or more
             vehicles in the next 10 s.
+        takes: Share that leaves more than 2.5 s before walk, with no vehicle in the next 10 s.
+        patience: Mean time [s] after which it gives up to wait for a gap.
+        early: Share that leaves up to 2.5 s before walk, of those that then still wait.
         apart: The speeds at signals kept apart, and those at the others, at 5, 15, 50, 85 and 95 %; how many the first
             are of.
     """
@@ -71,6 +80,9 @@ class Walks:
     speeds: tuple[Found, ...]
     changes: Found
     leave: tuple[Found, ...]
+    takes: Found
+    patience: Found
+    early: Found
     apart: tuple[tuple[float, ...], tuple[float, ...], int]
 
 
@@ -86,6 +98,8 @@ def walks_of(table: Table) -> Walks | None:
     left = words(table, "timecurbdep_ped_status") == _SOLID
     vehicles = n["vehiclesnext10"]
     masks = [came, *(came & (vehicles >= a) & (vehicles <= b) for a, b in _TRAFFIC)]
+    in_gap = left & (n["timecurbdep_sec_next_walk"] > _EARLY)
+    waits = came & ~in_gap & (n["timewaitclean"] > _EARLY)
     apart = kept_apart(owner)
     if not (apart.any() and (~apart).any() and all(m.any() for m in masks)):
         return None
@@ -101,7 +115,47 @@ def walks_of(table: Table) -> Walks | None:
     here, there = (
         tuple(map(float, quantiles(speed[part], np.ones(int(part.sum())), shares[1:-1]))) for part in (apart, ~apart)
     )
-    return Walks(speeds, changes, tuple(share(left[m], signal[m]) for m in masks), (here, there, int(apart.sum())))
+    leaves, takes = tuple(share(left[m], signal[m]) for m in masks), share(in_gap[masks[1]], signal[masks[1]])
+    patience = _patience(n["timewaitclean"], in_gap, masks[1], came & (vehicles > 0), signal)
+    early = share(left[waits], signal[waits])
+    return Walks(speeds, changes, leaves, takes, patience, early, (here, there, int(apart.sum())))
+
+
+def _patience(
+    waited: Floats, in_gap: NDArray[np.bool_], free: NDArray[np.bool_], busy: NDArray[np.bool_], signal: Ints
+) -> Found:
+    """Find the mean patience [s] of people with vehicles about, of whom as many would leave as where there are none.
+
+    One who left after t seconds stands for exp(t / patience) people, of whom the others had given up by then.
+
+    Args:
+        waited: How long each person waited [s], NaN if not known.
+        in_gap: It left on don't walk, and not just before walk.
+        free, busy: It came on don't walk, with no vehicle in the next 10 s, with some.
+        signal: Where it was.
+    """
+    from scipy.optimize import brentq
+
+    groups = int(signal.max()) + 1
+    known = in_gap & busy & ~np.isnan(waited)
+    time, of = np.minimum(waited[known], _LONG), signal[known]
+    would, alone, others, left = (
+        np.bincount(signal[mask], minlength=groups) for mask in (in_gap & free, free, busy, in_gap & busy)
+    )
+
+    def found(weight: Floats) -> float:
+        if not (weight @ alone and weight @ left and weight[of].sum()):
+            return np.nan
+        wanted = (weight @ would) / (weight @ alone) * (weight @ others) / (weight @ left)
+
+        def missing(rate: float) -> float:
+            return float(weight[of] @ np.exp(rate * time)) / float(weight[of].sum()) - wanted
+
+        least, most = _RATES
+        rate = least if missing(least) > 0.0 else most if missing(most) < 0.0 else brentq(missing, least, most)
+        return float(1.0 / rate)
+
+    return _found(found(np.ones(groups)), interval_of(found, groups), int(known.sum()), groups)
 
 
 @dataclass(frozen=True)
@@ -307,6 +361,9 @@ def fit_encounters(table: Table) -> EncounterFit | None:
     x = min((_fitted(total, _BEGIN + shift) for shift in (0.0, 0.3, -0.3)), key=lambda y: -_score(total, y))
     ends = interval_of(lambda w: np.array([*_named(_fitted(np.tensordot(w, counts, 1), x)).values()]), groups)
     values = {name: _found(v, ends[:, k], round(total.sum()), groups) for k, (name, v) in enumerate(_named(x).items())}
+    yielded = counts[:, :, 0].sum(axis=1)
+    behind = interval_of(lambda w: np.array([_middle(w @ yielded)]), groups)[:, 0]
+    values["after_vehicles"] = _found(_middle(yielded.sum(axis=0)), behind, round(yielded.sum()), groups)
     apart = kept_apart(np.arange(groups))
     seen, unseen = counts[~apart].sum(axis=0), counts[apart].sum(axis=0)
     plain = (seen + 1.0) / (seen + 1.0).sum(axis=(1, 2), keepdims=True)
@@ -319,6 +376,12 @@ def fit_encounters(table: Table) -> EncounterFit | None:
         (_score(unseen, _fitted(seen, x)) / n, float((unseen * np.log(plain)).sum()) / n, round(n), int(apart.sum())),
         time.size - round(total.sum()),
     )  # fmt: skip
+
+
+def _middle(counts: Floats) -> float:
+    """Median of times that are noted as whole seconds from 1 on, of how often each was: (10,)."""
+    below = np.concatenate([[0.0], np.cumsum(counts)])
+    return float(np.interp(0.5 * below[-1], below, np.arange(below.size) + 0.5))
 
 
 def _score(counts: Floats, x: Floats) -> float:

@@ -140,10 +140,13 @@ PUBLISHED: dict[str, Published] = {
         0.47, 0.4, 0.6, "read", f"53 % leave on solid don't walk with no vehicle in the next 10 s: {_WHOLE}",
         "people that had no time to leave before walk count as obedient",
     ),
+    "patience": Published(15.0, 5.0, 60.0, "judged", "no source", "all"),
+    "starts_early": Published(0.1, 0.05, 0.2, "judged", "no source", "all"),
     "gap_walk": Published(4.95, 4.5, 6.05, "read", _GAPS, "gaps in the street may be shorter"),
     "gap_walk_spread": Published(0.25, 0.2, 0.3, "read", _GAPS, "the same person varies too"),
     "gives_way": Published(1.5, 0.5, 3.0, "judged", "no source", "all"),
     "gives_way_spread": Published(0.5, 0.25, 1.0, "judged", "no source", "all"),
+    "after_vehicles": Published(4.0, 2.0, 7.0, "judged", "no source", "all"),
     "steps_back": Published(0.5, 0.3, 0.9, "judged", "no source", "all"),
     "runs_red": Published(
         round(_RUNNERS * _LATE, 6), 3e-4, round(3.0 * _RUNNERS * _LATE, 6), "read",

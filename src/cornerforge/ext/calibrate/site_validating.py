@@ -25,7 +25,7 @@ from cornerforge.intervals import binomial_interval, poisson_interval
 from cornerforge.results.site_laws import SiteBar, SiteValidated
 from cornerforge.results.stating import as_json
 from cornerforge.sim import Tally, outcome
-from cornerforge.site.laws import Laws
+from cornerforge.site.laws import ERRORS, Laws
 from cornerforge.work.files import write_json
 from cornerforge.work.progress import NO_PROGRESS
 from cornerforge.world_options import WorldOptions
@@ -35,10 +35,7 @@ __all__ = [
     "site_validation_text",
 ]  # fmt: skip
 
-ERRORS_OFF: Mapping[str, Any] = {
-    "runs_red": 0.0, "overlooks_vehicle": 0.0, "overlooks_person": 0.0, "looks_away": 0.0, "walks_blindly": 0.0,
-    "gap_error": 0.01,
-}  # fmt: skip
+ERRORS_OFF: Mapping[str, Any] = {**dict.fromkeys(ERRORS, 0.0), "gap_error": 0.01}
 """Laws with which nobody errs."""
 _AV = "idm-yield"
 _TURNS = "vehicles=250,people=0,left=1"

@@ -20,7 +20,7 @@ from cornerforge.sim.site.look import look_as_driver
 from cornerforge.sim.site.moves import seconds_of
 from cornerforge.sim.site.people import AT_KERB
 from cornerforge.sim.world import NO_VEHICLE
-from cornerforge.site.tables import CROSS, GREEN, MEETINGS, NO_ZONE, YELLOW, letter_at, longer, mapped, walk_letter
+from cornerforge.site.tables import CROSS, MEETINGS, NO_ZONE, RED, YELLOW, letter_at, longer, mapped, walk_letter
 from cornerforge.types import FRAME_S, PERSON
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def _may_come(
     other, v = w.agents[j], w.vehicles[j]
     row = site[0].route[other.route]
     if v.kind == PERSON:
-        may = row.signal < 0 or walk_letter(site, other.route, clock) == GREEN
+        may = row.signal < 0 or walk_letter(site, other.route, clock) != RED
         return other.s > AT_KERB or (zone.yields != 0 and may)
     needed = _to_stop(v.speed, p.rear_response_time, p.rear_acceleration, p.rear_braking)
     to_line = row.stop - other.s - 0.5 * v.length

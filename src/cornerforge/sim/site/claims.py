@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.sim.site.moves import STANDS, STRONGEST, held_then_stops_within, stops_within, will_stop
 from cornerforge.site.network import TURNS
-from cornerforge.site.tables import GREEN, RED, YELLOW, letter_at, walk_letter
+from cornerforge.site.tables import RED, YELLOW, letter_at, walk_letter
 from cornerforge.types import PERSON
 
 if TYPE_CHECKING:
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from cornerforge.sim.world import World
 
 __all__ = [
-    "AT_LINE", "BLIND", "GOING", "LOOKED", "OBEYS", "PAST_LINE", "STOPS", "TURNS_ON_RED", "UNDER_WAY", "goes_before",
+    "AT_LINE", "BLIND", "EARLY", "GOING", "LOOKED", "PAST_LINE", "STOPS", "TURNS_ON_RED", "UNDER_WAY", "goes_before",
     "has_committed", "is_held", "stands_still", "surely_passes",
 ]  # fmt: skip
 
-OBEYS, TURNS_ON_RED, STOPS, LOOKED, BLIND, GOING = (1 << k for k in range(6))
-"""Bits of `AGENT.marks`. Of a person: it never leaves the kerb on Don't Walk. Of a driver: it turns right on red; it
-has decided to stop at this light. Of a person: it has looked at the traffic once; it looks no more. Of a driver: it
-chose to go in the last second."""
+EARLY, TURNS_ON_RED, STOPS, LOOKED, BLIND, GOING = (1 << k for k in range(6))
+"""Bits of `AGENT.marks`. Of a person: it leaves the kerb when Walk is about to come. Of a driver: it turns right on
+red; it has decided to stop at this light. Of a person: it has looked at the traffic once; it looks no more. Of a
+driver: it chose to go in the last second."""
 PAST_LINE, AT_LINE = 0.5, 5.0
 """A vehicle that is less past its stop line has not passed it; one that is nearer stands at it [m]."""
 UNDER_WAY = 1.0
@@ -81,7 +81,7 @@ def _claim(w: World, j: int, to_zone: float, begin: float, first: bool, clock: f
         if own.s > _LEFT_KERB:
             return 7 if to_zone <= 0.0 else 3
         if site[0].route[own.route].signal >= 0:
-            return 1 if walk_letter(site, own.route, clock) == GREEN else -3
+            return 1 if walk_letter(site, own.route, clock) != RED else -3
         return 1 if first else -3
     if stops_within(me.speed, me.acceleration) > to_zone + 1e-6:
         return 7 if to_zone <= 0.0 else 6

@@ -44,7 +44,6 @@ from cornerforge.site.network import TURNS
 from cornerforge.site.tables import (
     CROSS,
     DIVERGE,
-    GREEN,
     MEETINGS,
     MERGE,
     NO_ZONE,
@@ -200,7 +199,7 @@ def _arrival(
         walks = max(speed, 0.7 * v[j].desired_speed)
         if other.s > 0.05 and (speed > 0.0 or other.marks & BLIND):
             return 2, room / walks
-        may_walk = row.signal < 0 or walk_letter(site, other.route, clock) == GREEN
+        may_walk = row.signal < 0 or walk_letter(site, other.route, clock) != RED
         return (2, room / walks) if (zone.yields or other.s > 0.05) and may_walk else (0, np.inf)
     to_line = row.stop - other.s - 0.5 * v[j].length
     stopped = False

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.sim.site.claims import BLIND, LOOKED, OBEYS, has_committed, is_held
+from cornerforge.sim.site.claims import BLIND, EARLY, LOOKED, has_committed, is_held
 from cornerforge.sim.site.look import room_before
-from cornerforge.sim.site.moves import held_then_stops_within, stops_within, sure
+from cornerforge.sim.site.moves import held_then_stops_within, seconds_of, stops_within, sure
 from cornerforge.sim.world import NO_VEHICLE
+from cornerforge.site.network import TURNS
 from cornerforge.site.tables import GREEN, MEETINGS, NO_ZONE, RED, longer, walk_letter
 from cornerforge.types import PERSON
 
@@ -38,6 +39,9 @@ _SLOWS = 1.0
 _STOPS_WITHIN = 1.5
 """A person stops for a vehicle that stands in its way so far ahead [s]."""
 _BRAKES = 0.3
+_SOON, _HALF = 2.5, 0.5
+"""Walk is about to come so long before it does; time at a whole second is compared with this margin [s]."""
+_STRAIGHT = TURNS.index("straight")
 _NEEDED = 2.5
 """A vehicle that must brake harder than this for a person on the road is a threat [m/s2]."""
 
@@ -46,8 +50,9 @@ _NEEDED = 2.5
 def look_as_walker(w: World, i: int, clock: float, site: NDArray[np.void]) -> None:  # noqa: PLR0915
     """Let the person of slot i look around; `clock` is the time of the signals [s].
 
-    At the kerb it leaves on Walk, unless a vehicle is about to pass; on Don't Walk, unless it obeys, if the gap is
-    enough. On the road it may stop for a vehicle that does not.
+    At the kerb it leaves on Walk or while Don't Walk flashes, unless a vehicle is about to pass; on Don't Walk, unless
+    it obeys or has waited long, if the gap is enough. At lights the gap before a vehicle that turns is that on Walk,
+    and it waits a while behind one that has passed. On the road it may stop for a vehicle that does not.
     """
     one, v, agents = site[0], w.vehicles, w.agents
     me, own = v[i], agents[i]
@@ -55,8 +60,8 @@ def look_as_walker(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
     place, wished = own.s, me.desired_speed
     waits = place <= AT_KERB
     light = walk_letter(site, own.route, clock)
-    goes_first = row.signal >= 0 and light == GREEN
-    worst, threat, needed, blocked, near = np.inf, NO_VEHICLE, 0.0, False, NO_VEHICLE
+    goes_first = row.signal >= 0 and light != RED
+    least, spread, threat, needed, blocked, near = np.inf, _JUDGED, NO_VEHICLE, 0.0, False, NO_VEHICLE
     for k in range(w.state[0].n_current):
         j = w.current[k]
         if v[j].kind == PERSON:
@@ -75,8 +80,13 @@ def look_as_walker(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
             enters, leaves = max(zone.begin - place, 0.0) / wished, (zone.end - place) / wished
             room = zone.other_begin - theirs - other.s
             speed = v[j].speed
+            turns = row.signal >= 0 and one.route[other.route].turn != _STRAIGHT
+            yields = not waits or goes_first or turns
             if room <= 0.0:
                 near = j
+                if waits and yields and row.signal >= 0:
+                    behind = max(0.0, one.after_vehicles * own.manners - enters)
+                    own.resumes = max(own.resumes, seconds_of(w) + left / max(speed, 1.0) + behind)
             if place >= zone.begin and not waits:
                 blocked = blocked or (room <= 0.0 and room_before(w, i, j) < wished)
                 continue
@@ -92,8 +102,9 @@ def look_as_walker(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
                 arrival = _soonest(room, speed)
                 if waits_too or held_then_stops_within(speed, v[j].acceleration, _STRONGEST) <= room:
                     gap = max(arrival - enters, 0.0)
-            if gap < worst and arrival < leaves + 6.0:
-                worst = gap
+            ratio = gap / (one.gives_way * own.manners if yields else one.gap_walk * own.gaps)
+            if ratio < least and arrival < leaves + 6.0:
+                least, spread = ratio, _JUDGED if yields else one.gap_error
                 threat = j
                 needed = 0.5 * speed * speed / max(room, 0.1)
     own.chooses = 1
@@ -107,26 +118,25 @@ def look_as_walker(w: World, i: int, clock: float, site: NDArray[np.void]) -> No
     elif own.marks & BLIND:
         own.goes = 1.0
     elif not waits:
-        frightened = threat >= 0 and worst < one.gives_way * own.manners and needed > _NEEDED
+        frightened = threat >= 0 and least < 1.0 and needed > _NEEDED
         own.goes = 1.0 - one.steps_back if frightened else 1.0
     else:
-        own.goes = _leaves_chance(one, own, worst, goes_first, light != RED or row.signal < 0)
+        may = light != RED or row.signal < 0 or _minds_no_light(w, i, clock, site)
+        if may and own.resumes < seconds_of(w) + _HALF:
+            own.goes = sure(least, spread) if least < np.inf else 1.0
+        else:
+            own.goes = 0.0
+        if own.marks & LOOKED == 0 and own.goes < 1.0:
+            own.unseen = 1 if own.goes < one.walks_blindly else 0
+            own.goes += (1.0 - own.goes) * one.walks_blindly
 
 
-@kernel
-def _leaves_chance(one: Any, own: Any, worst: float, first: bool, may: bool) -> float:
-    """Compute the chance that a person leaves the kerb now; `worst`: the least time to spare before a vehicle [s]."""
-    chance = 1.0
-    if first:
-        chance = sure(worst / (one.gives_way * own.manners), _JUDGED) if worst < np.inf else 1.0
-    elif not may and own.marks & OBEYS:
-        chance = 0.0
-    elif worst < np.inf:
-        chance = sure(worst / (one.gap_walk * own.gaps), one.gap_error)
-    if own.marks & LOOKED == 0 and chance < 1.0:
-        own.unseen = 1 if chance < one.walks_blindly else 0
-        chance += (1.0 - chance) * one.walks_blindly
-    return chance
+@inlined_kernel
+def _minds_no_light(w: World, i: int, clock: float, site: NDArray[np.void]) -> bool:
+    """Does a person at the kerb look for a gap on Don't Walk: it has not waited long yet, or Walk is about to come?"""
+    own = w.agents[i]
+    early = own.marks & EARLY != 0 and walk_letter(site, own.route, clock + _SOON) == GREEN
+    return early or seconds_of(w) - own.enters <= own.headway
 
 
 @kernel

@@ -14,7 +14,7 @@ from cornerforge.drivers.avs import MANNERS, AvNumbers
 from cornerforge.errors import UndrawableError
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.sim.outcome import UNDRAWN
-from cornerforge.sim.site.claims import OBEYS, TURNS_ON_RED
+from cornerforge.sim.site.claims import EARLY, TURNS_ON_RED
 from cornerforge.sim.site.moves import WARM_STEP
 from cornerforge.sim.site.second import bring_in, find_pairs_at_site, warm_second
 from cornerforge.sim.world import COMES, GONE, HERE, NO_ACTION, NO_VEHICLE, list_all
@@ -89,7 +89,8 @@ def _give_traits(w: World, i: int, site: NDArray[np.void]) -> None:
         me.desired_speed = _walking_speed(site, uniform(more[0]))
         own.gaps = exp(one.gap_walk_spread * z_gap)
         own.manners = exp(one.gives_way_spread * z_manners)
-        own.marks = OBEYS if uniform(more[1]) < one.obeys else 0
+        own.marks = EARLY if uniform(more[3]) < one.starts_early else 0
+        own.headway = -1.0 if uniform(more[1]) < one.obeys else -one.patience * log(uniform(more[2]))
         return
     if uniform(more[0]) < one.trucks:
         me.kind = TRUCK
