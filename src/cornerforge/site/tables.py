@@ -13,7 +13,7 @@ import numpy as np
 from cornerforge._elementary import sin_cos
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.errors import InputError
-from cornerforge.site.laws import Demand, Laws
+from cornerforge.site.laws import ERRORS, Demand, Laws
 from cornerforge.site.network import TURNS, Route, Site, headings_of
 from cornerforge.site.zones import BODY, PERSON, Zone, zones_of
 
@@ -299,7 +299,7 @@ def _clear_line(one: NDArray[np.void], own: int) -> None:
 def without_errors(site: NDArray[np.void]) -> NDArray[np.void]:
     """Copy a site's record, (1,) of `SITE` or (0,), with all chances of human errors 0."""
     copied = site.copy()
-    for name in ("runs_red", "overlooks_vehicle", "overlooks_person", "looks_away", "walks_blindly"):
+    for name in ERRORS:
         copied[name] = 0.0
     return copied
 
