@@ -48,6 +48,8 @@ def test_a_simulation_like_the_data_holds_and_another_misses(tmp_path: Path) -> 
     other = {bar.measure: bar.holds for bar in bars_of(met((1.0, 2.0, 2.9), 240), tables)}
     assert other["vehicle first, Walk"] is False
     assert other["encroachment time at most 3 s, of 10 s"] is False
+    unlit = bars_of(Measured(meetings=[Meeting(-2.0, -1)] * 240), tables)  # the data are of signals
+    assert all(bar.holds is None for bar in unlit)
     few = bars_of(met((-2.0, 2.0), 12), tables)
     assert all(bar.holds is None for bar in few)
 

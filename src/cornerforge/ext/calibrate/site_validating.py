@@ -183,7 +183,7 @@ def _of_meetings(seen: Measured, tables: Mapping[str, Table]) -> list[SiteBar]:
     for most in (3, 5):
         near = np.abs(time) <= 10
         data = share(np.abs(time[near]) <= most, signal[near])
-        ours = np.abs(np.rint(seconds)) <= most
+        ours = np.abs(np.rint(seconds[light >= 0])) <= most  # the data are of signals
         ratio = ours.mean() / data.value if ours.size else np.nan
         bars.append(
             _bar(
