@@ -33,7 +33,7 @@ __all__ = [
 SCHEMA = 1
 _SIMULATION = (
     "_jit.py", "_philox.py", "_elementary.py", "fields.py", "geometry.py", "types.py", "ndd/grids.py", "ndd/memory.py",
-    "drivers/*.py", "road/*.py", "sim/*.py",
+    "drivers/*.py", "road/*.py", "sim/*.py", "sim/site/*.py", "site/*.py",
 )  # fmt: skip
 _NOT_NATURAL = (
     "policy.py", "adversaries.py", "observe.py", "recorder.py", "statistics.py", "avs.py", "__init__.py",

@@ -154,18 +154,18 @@ def test_ppo_beats_uniform_actions_after_300_000_decisions(world: Experiment, se
     assert interval(first)[0] < uniform[1]
 
 
-def test_preset_fast_crashes_three_in_four_after_600_000_decisions(world: Experiment, seed: int) -> None:
-    """About 15 s on two quiet cores. Unit: the test; n = 3000; the exact interval at 1 - 1e-6 must lie above 0.75.
+def test_preset_fast_crashes_seven_in_ten_after_600_000_decisions(world: Experiment, seed: int) -> None:
+    """About 15 s on two quiet cores. Unit: the test; n = 3000; the exact interval at 1 - 1e-6 must lie above 0.70.
 
-    At a yield of 0.79 it does, so that a loss of 0.05 of the 0.84 measured is seen (seeds 3 and 4 of the training:
-    0.81; in the traffic before drivers took their time to change lanes it was 0.91). Negative control: its first
-    weights.
+    At a yield of 0.74 it does, so that a loss of 0.05 of the 0.78 measured on 2026-11-29 is seen (0.84 in the traffic
+    before roads with ramps and queues, 0.91 before drivers took their time to change lanes). Negative control: its
+    first weights.
     """
-    assert binomial_interval(2370, 3000, 1.0 - 1e-6)[0] > 0.75
+    assert binomial_interval(2225, 3000, 1.0 - 1e-6)[0] > 0.70
     config = replace(PRESETS["fast"], decisions=600_000)
     weights = train_adversary(world.setting, world.slots, config, seed=2).weights
     trained = experiment(policy=Policy(weights, config.network, False, {}))
-    assert crash_interval(trained, tests=3000, seed=seed)[0] > 0.75
+    assert crash_interval(trained, tests=3000, seed=seed)[0] > 0.70
     first = train_adversary(world.setting, world.slots, replace(config, decisions=512), seed=2).weights
     untrained = experiment(policy=Policy(first, config.network, False, {}))
-    assert crash_interval(untrained, tests=3000, seed=seed)[1] < 0.75
+    assert crash_interval(untrained, tests=3000, seed=seed)[1] < 0.70

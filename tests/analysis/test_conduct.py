@@ -278,7 +278,7 @@ def test_the_flaw_is_named_without_knowing(av: str, tmp_path: Path) -> None:
 )
 def test_the_flaw_is_named_where_lanes_end(av: str, task: str, tmp_path: Path) -> None:
     """By natural crashes; idm-mobil, which hardly has any, is the control with those of an adversary."""
-    tests = {"merges-blind": 2_000, "stops-at-end": 20_000, "blocks-mergers": 40_000}[av]
+    tests = {"merges-blind": 2_000, "stops-at-end": 200_000, "blocks-mergers": 40_000}[av]
     cornerforge.simulate(
         out=tmp_path / "natural", av=f"flawed-{av}", road="on-ramp", task=task, tests=tests, seed=4, threads=2
     )
@@ -292,5 +292,5 @@ def test_the_flaw_is_named_where_lanes_end(av: str, task: str, tmp_path: Path) -
     assert told.flaws[0].flaw == av
     assert FLAWS[av] in told.text
     assert good is not None
-    assert good.conducts.get(av, 0) <= 3
+    assert good.conducts.get(av, 0) <= 6
     assert av not in [one.flaw for one in good.flaws]

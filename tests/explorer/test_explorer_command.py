@@ -29,7 +29,10 @@ def test_a_page_that_is_not_built_is_one_line(
 ) -> None:
     monkeypatch.setattr("cornerforge.ext.explorer.server.read_page", dict)
     assert main(["serve", str(place), "--port", "0"]) == 2
-    assert capsys.readouterr().err == "cornerforge: The explorer's page is not built here; build it with: make web\n"
+    assert capsys.readouterr().err == (
+        "cornerforge: This installation lacks the explorer's page, which is built with Node.js: run `make web` in the "
+        "checkout, and install from there again. A wheel (`make wheel`) has it.\n"
+    )
 
 
 def test_an_av_of_ones_own_can_drive(place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

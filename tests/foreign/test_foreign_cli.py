@@ -109,7 +109,7 @@ def test_a_network_drives_as_it_was_trained(tmp_path: Path, monkeypatch: pytest.
     found = {one["name"]: one for one in call(capsys, "check-av", "brake.zip", "--tests", 2)[1]["checks"]}
     assert found["read as"]["found"].startswith("two numbers of Box(-1, 1)")
     assert re.match(
-        r"they differ by \S+ at most on 76 views, to stable-baselines3", found["its maker's answers"]["found"]
+        r"they differ by \S+ at most on \d+ views, to stable-baselines3", found["its maker's answers"]["found"]
     )
     assert found["its maker's answers"]["verdict"] == "ok"
     assert "units" not in found
@@ -186,7 +186,7 @@ def test_bad_avs_are_refused_in_plain_lines(avs: Path, capsys: Capture, argument
     assert result == {}
     assert text in err
     assert "Traceback" not in err
-    assert len(err.splitlines()) <= 2
+    assert len(err.splitlines()) <= 2 + (arguments[0] == "run")  # a forecast comes first
 
 
 # --- check-av ---

@@ -394,7 +394,7 @@ def test_an_agent_sees_and_gets_the_same_from_the_same_av_outside(mode: str, rew
 
 
 def test_a_fault_of_the_av_cuts_off_its_test_only(avs: Path) -> None:  # noqa: ARG001
-    _, _, ends = _driven("avs:Raises", "SameStep", 400)
+    _, _, ends = _driven("avs:Raises", "SameStep", 1_200)
     outcomes = [outcome for step in ends for outcome, _ in step]
     assert 0 < outcomes.count("av-fault") < 10
     assert len(outcomes) > 20 * outcomes.count("av-fault")

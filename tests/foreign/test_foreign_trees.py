@@ -151,7 +151,7 @@ def test_an_av_that_counts_its_calls_in_idle_rows_too_is_not_out_of_step(reckles
 def test_their_mean_is_the_rate_that_counting_gives(reckless: NddModel) -> None:
     run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=controllers.OUTSIDE)
     av = opened("avs:Forgetful", ODD)
-    weights = trees(run, av, 1_500, plan(0, 3e-2), threads=2).trees["weight"]
+    weights = trees(run, av, 2_500, plan(0, 3e-2), threads=2).trees["weight"]
     counted = simulate(run, SLOTS, seed=9, tests=5_000, threads=2, drive=av)
     rate = counted.av_crashes / counted.tests
     off = np.hypot(weights.std(ddof=1) / np.sqrt(weights.size), np.sqrt(rate / counted.tests))

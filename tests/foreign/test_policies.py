@@ -177,9 +177,10 @@ def test_a_vec_normalize_of_a_model_is_used() -> None:
     seen = np.random.default_rng(2).normal(30.0, 9.0, size=(70, 13, 8)).astype(np.float32)
     seen[:, 0, 0] = 1.0
     wrapped = VecNormalize(DummyVecEnv([lambda: gymnasium.make(envs.DRIVING_ID, actions="box")]))
-    wrapped.obs_rms.update(seen)
+    shown = seen / SIZES  # as the environment shows it
+    wrapped.obs_rms.update(shown)
     model = sb3.PPO("MlpPolicy", wrapped, device="cpu", seed=1)
-    expected = answers_of_predicted(model.predict(wrapped.normalize_obs(seen), deterministic=True)[0], 70)
+    expected = answers_of_predicted(model.predict(wrapped.normalize_obs(shown), deterministic=True)[0], 70)
     np.testing.assert_allclose(PolicyDriver(model).answer(seen), expected, atol=1e-5)
     model._vec_normalize_env = None
     plain = PolicyDriver(model).answer(seen)

@@ -201,7 +201,7 @@ def test_an_av_from_outside_drives_drawn_models_too(
         "import numpy as np\n\n\nclass Still:\n    def act(self, view):\n        return np.zeros((len(view), 2))\n"
     )
     monkeypatch.chdir(tmp_path)
-    most = 400 if method == "mc" else 1_400
+    most = 3_000 if method == "mc" else 1_400
     monkeypatch.setattr(importlib.import_module("cornerforge.verbs.rate"), "PLAIN_TESTS", 400)
     monkeypatch.setattr(model_draws, "_TREES_EACH", 60)
     found = cornerforge.rate(

@@ -225,7 +225,7 @@ def test_between_two_lanes_both_leads_are_minded(model: NddModel) -> None:
     # H0 as above, for a vehicle in a lane change with a lead in each of its lanes; n = 50,000 sees 0.04.
     n = 50_000
     setting = setting_of(model, ROAD)
-    world = world_of([Car(0.0, 3, 30.0), Car(300.0, 1, 32.0), Car(330.0, 1, 31.3), Car(325.0, 2, 27.6)])
+    world = world_of([Car(0.0, 3, 30.0), Car(300.0, 1, 32.0), Car(330.0, 1, 31.3), Car(335.0, 2, 27.6)])
     start_lane_change(world, 1, 2, setting.road)
     sort_by_x(world)
     p = probabilities(world, 1, setting)
@@ -235,7 +235,7 @@ def test_between_two_lanes_both_leads_are_minded(model: NddModel) -> None:
     assert p[:2].tolist() == [0.0, 0.0]
     assert l1_distance(counts, p) <= l1_bound(33, n)
     # negative control: minding the nearer one alone is seen
-    alone = world_of([Car(0.0, 3, 30.0), Car(300.0, 2, 32.0), Car(500.0, 1, 31.3), Car(325.0, 2, 27.6)])
+    alone = world_of([Car(0.0, 3, 30.0), Car(300.0, 2, 32.0), Car(500.0, 1, 31.3), Car(335.0, 2, 27.6)])
     start_lane_change(alone, 1, 3, setting.road)
     single = probabilities(alone, 1, setting)
     lead_1 = world_of([Car(0.0, 3, 30.0), Car(300.0, 1, 32.0), Car(330.0, 1, 31.3)])

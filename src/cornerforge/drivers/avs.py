@@ -21,8 +21,8 @@ from cornerforge.drivers.sight import Sight, SightNumbers, numbers_of_sight
 from cornerforge.errors import InputError, UnknownNameError
 
 __all__ = [
-    "AVS", "AV_KINDS", "MANNERS", "SITE_AVS", "AvLaw", "AvModel", "AvNetwork", "AvNumbers", "Manner", "av_hash",
-    "av_named", "numbers_of_av",
+    "AVS", "AV_KINDS", "MANNERS", "ROAD_AVS", "SITE_AVS", "AvLaw", "AvModel", "AvNetwork", "AvNumbers", "Manner",
+    "av_hash", "av_named", "numbers_of_av",
 ]  # fmt: skip
 
 
@@ -279,6 +279,8 @@ AVS: dict[str, AvModel] = {
 """All built-in AVs."""
 SITE_AVS = tuple(name for name, model in AVS.items() if model.kind == "junction")
 """Names of those that drive at sites, and nowhere else."""
+ROAD_AVS = tuple(name for name in AVS if name not in SITE_AVS)
+"""Names of those that drive on roads, and nowhere else."""
 
 
 class AvNumbers(NamedTuple):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cornerforge.drivers.avs import AVS
+from cornerforge.drivers.avs import ROAD_AVS, SITE_AVS
 from cornerforge.drivers.careful import CAREFUL
 from cornerforge.ext.interchange.export import EXPORTS, CaseWriter, is_installed
 from cornerforge.library import StoredCase
@@ -40,7 +40,8 @@ class Driving:
 
     def __init__(self, avs: Sequence[str], source: Source) -> None:
         self.drivers = tuple(CAREFUL)
-        self.avs = tuple(dict.fromkeys((*AVS, *avs)))
+        own = ROAD_AVS if source.cases.odd.site is None else SITE_AVS
+        self.avs = tuple(dict.fromkeys((*own, *avs)))
         self.exports = {name: label for name, label in EXPORTS.items() if is_installed(name)}
         self._drivers: dict[tuple[str, str], tuple[Callable[[StoredCase], Script], ScriptDriver]] = {}
         self._writers: dict[tuple[str, str], CaseWriter] = {}

@@ -95,7 +95,7 @@ def import_cases(options: ImportCases) -> ImportedCases:
     began = time.perf_counter()
     place = Path(options.out)
     check_new_folder(place)
-    world = options.world()
+    world = replace(options, road=None).world()  # that road is the one of the files
     experiment(world, takes_foreign=True, takes_recorded=True).identity(0)  # an unknown AV fails here, before long work
     paths = [Path(file) for file in ([options.files] if isinstance(options.files, (str, Path)) else options.files)]
     if not paths:

@@ -195,7 +195,7 @@ COMMANDS = (
     Command(
         RoadImport, "ext.interchange.roads:road_import", "ext.interchange.roads:road_text",
         (
-            "cornerforge road import motorway.xodr --road 12,13,14 --from 200 --to 1400 --out motorway.json",
+            "cornerforge road import m.xodr --road 12,13 --to 1400 --out m.json",
             "cornerforge road import city.net.xml.gz --road on,over,off --out ring.json",
         ),
         name="road import",
@@ -212,7 +212,7 @@ COMMANDS = (
         SiteImport, "ext.interchange.sites:site_import", "ext.interchange.sites:site_text",
         (
             "cornerforge site import city.net.xml.gz --junction NODE_18 --out site.json",
-            "cornerforge site import city.net.xml.gz --junction J1,J2,J3,J4 --over --out roundabout.json",
+            "cornerforge site import city.net.xml --junction J1,J2 --over --out ring.json",
         ),
         name="site import",
     ),

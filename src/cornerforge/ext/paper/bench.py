@@ -15,7 +15,7 @@ from cornerforge.adversary.config import PRESETS, DqnConfig
 from cornerforge.adversary.worlds import REWARDS, reward_numbers
 from cornerforge.analysis.crash_types import CRASH_TYPES, STRIKERS
 from cornerforge.analysis.mechanism import crash_type_of
-from cornerforge.drivers.avs import AVS, av_hash
+from cornerforge.drivers.avs import AVS, ROAD_AVS, av_hash
 from cornerforge.experiment.counting import drive_tests, rate_summary, simulate_experiment
 from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.output import code_hash, read_json_file, write_json
@@ -135,7 +135,7 @@ PAPER_CASES = 50_000
 PAPER_BOUNDED_CASES = 1_627
 _MAX_TESTS = 3_000_000
 """A library that would need more tests is left out."""
-_TRIED = tuple(name for name, model in AVS.items() if model.kind not in ("careful", "flawed"))
+_TRIED = tuple(name for name in ROAD_AVS if AVS[name].kind not in ("careful", "flawed"))
 """Built-in AVs that are tried unless more are asked for: reference drivers are a yardstick, flawed ones a test."""
 
 

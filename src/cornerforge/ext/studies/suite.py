@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cornerforge._options import verb
 from cornerforge.analysis.contact import impact_speed
-from cornerforge.drivers.avs import AVS
+from cornerforge.drivers.avs import ROAD_AVS
 from cornerforge.errors import InputError, ReplayError
 from cornerforge.experiment.experiments import Experiment, check_threads
 from cornerforge.experiment.forecast import forecast
@@ -180,7 +180,7 @@ def _zoo(zoo: Sequence[str] | None) -> list[str]:
     Raises:
         InputError: No AV is named, or one is named twice.
     """
-    names = list(AVS) if zoo is None else list(zoo)
+    names = list(ROAD_AVS) if zoo is None else list(zoo)
     twice = [name for index, name in enumerate(names) if name in names[:index]]
     if twice:
         raise InputError(f"The AV {twice[0]} is named twice; name each once.")

@@ -136,7 +136,7 @@ def _minds_no_light(w: World, i: int, clock: float, site: NDArray[np.void]) -> b
     """Does a person at the kerb look for a gap on Don't Walk: it has not waited long yet, or Walk is about to come?"""
     own = w.agents[i]
     early = own.marks & EARLY != 0 and walk_letter(site, own.route, clock + _SOON) == GREEN
-    return early or seconds_of(w) - own.enters <= own.headway
+    return early or seconds_of(w) - own.enters < own.headway
 
 
 @kernel

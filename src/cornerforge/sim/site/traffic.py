@@ -90,7 +90,7 @@ def _give_traits(w: World, i: int, site: NDArray[np.void]) -> None:
         own.gaps = exp(one.gap_walk_spread * z_gap)
         own.manners = exp(one.gives_way_spread * z_manners)
         own.marks = EARLY if uniform(more[3]) < one.starts_early else 0
-        own.headway = -1.0 if uniform(more[1]) < one.obeys else -one.patience * log(uniform(more[2]))
+        own.headway = 0.0 if uniform(more[1]) < one.obeys else -one.patience * log(uniform(more[2]))
         return
     if uniform(more[0]) < one.trucks:
         me.kind = TRUCK
