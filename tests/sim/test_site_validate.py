@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import astuple, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -70,7 +71,7 @@ def test_people_are_measured_as_they_walk() -> None:
     assert seen.walks == again[0].walks + again[1].walks
 
 
-def leavers(tmp_path: Path, tests: int, **laws: float) -> list[tuple[bool, float]]:
+def leavers(tmp_path: Path, tests: int, **laws: Any) -> list[tuple[bool, float]]:
     """Of all that come on don't walk: do they leave before it ends, and how long before [s]."""
     file = tmp_path / "laws.json"
     write_json(file, as_json(replace(laws_named(None), walks_blindly=0.0, **laws)))

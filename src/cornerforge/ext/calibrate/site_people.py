@@ -149,7 +149,8 @@ def _patience(
         wanted = (weight @ would) / (weight @ alone) * (weight @ others) / (weight @ left)
 
         def missing(rate: float) -> float:
-            return float(weight[of] @ np.exp(rate * time)) / float(weight[of].sum()) - wanted
+            stand_for = float(weight[of] @ np.exp(rate * time)) / float(weight[of].sum())
+            return stand_for - float(wanted)
 
         least, most = _RATES
         rate = least if missing(least) > 0.0 else most if missing(most) < 0.0 else brentq(missing, least, most)
