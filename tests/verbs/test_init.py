@@ -22,7 +22,6 @@ from cornerforge.cli.output import compiling_text
 from cornerforge.errors import OutputError
 from cornerforge.verbs.init import FILES
 
-pytestmark = pytest.mark.full
 
 run_module = importlib.import_module("cornerforge.verbs.run")
 Capture = pytest.CaptureFixture[str]
@@ -42,11 +41,13 @@ def run_options() -> dict[str, Any]:
     return {one.opts[0].removeprefix("--"): one for one in options}
 
 
+@pytest.mark.full
 def test_the_av_is_the_example(golden: Callable[[str, str], None]) -> None:
     """The package holds a copy of examples/my_av.py, which `make golden` writes."""
     golden("../../src/cornerforge/verbs/start/my_av.py.txt", EXAMPLE.read_text(encoding="utf-8"))
 
 
+@pytest.mark.full
 def test_the_files_are_written_and_named(tmp_path: Path, capsys: Capture) -> None:
     place = tmp_path / "a" / "b"
     status, out, err = call(capsys, "init", place, "--json")
@@ -59,6 +60,7 @@ def test_the_files_are_written_and_named(tmp_path: Path, capsys: Capture) -> Non
     assert snapshot(again) == snapshot(place)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", FILES)
 def test_nothing_is_overwritten_and_nothing_half_done(name: str, tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / name).write_text("mine", encoding="utf-8")
@@ -71,12 +73,14 @@ def test_nothing_is_overwritten_and_nothing_half_done(name: str, tmp_path: Path,
     assert (status, err.count("\n")) == (2, 1)
 
 
+@pytest.mark.full
 def test_other_files_of_the_folder_stay(tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
     assert call(capsys, "init", tmp_path)[0] == 0
     assert (tmp_path / "notes.txt").read_text(encoding="utf-8") == "mine"
 
 
+@pytest.mark.full
 def test_a_write_that_fails_takes_back_what_was_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     module = importlib.import_module("cornerforge.verbs.init")
     honest = module.write_text
@@ -115,6 +119,7 @@ def test_the_config_shows_every_option_with_its_default(tmp_path: Path, capsys: 
     assert (status, 'No effort "none"' in err) == (2, True), "every value has the type that run takes"
 
 
+@pytest.mark.full
 def test_the_readme_has_ten_lines_whose_commands_are_known(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
@@ -128,6 +133,7 @@ def test_the_readme_has_ten_lines_whose_commands_are_known(
         assert call(capsys, *words[1:], "--help")[0] == 0
 
 
+@pytest.mark.full
 def test_a_run_from_the_folder_and_from_elsewhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
