@@ -22,7 +22,6 @@ from cornerforge.cli.output import compiling_text
 from cornerforge.errors import OutputError
 from cornerforge.verbs.init import FILES
 
-
 run_module = importlib.import_module("cornerforge.verbs.run")
 Capture = pytest.CaptureFixture[str]
 EXAMPLE = Path(__file__).parents[2] / "examples" / "my_av.py"
