@@ -189,6 +189,25 @@ def test_the_closed_form_of_an_encounter_is_what_its_story_gives(tmp_path: Path,
     assert l1_distance(counts.ravel(), encounter_chances(*chances).ravel()) > bound
 
 
+def test_data_in_which_nobody_waits_are_too_few(tmp_path: Path) -> None:
+    """No number is made of nothing: the laws stay at published values."""
+    encounters(tmp_path, 400)
+    path = tmp_path / "utah_right_turn_conflicts.csv"
+    path.write_text(path.read_text().replace("Stopped and waited for the vehicle", "No obvious reaction"))
+    assert fit_encounters(read_site_data(tmp_path)["utah_right_turn_conflicts"]) is None
+    n = 80
+    write(
+        tmp_path, "utah_ped_crossings",
+        {
+            "Signal": [k % 8 for k in range(n)], "OtherBicycle": [False] * n, "CrossDist": [50] * n,
+            "cross_sec": [10] * n, "VehiclesNext10": [k % 5 for k in range(n)], "CrossBehSpeed": [False] * n,
+            "TimeWaitArr_ped_status": ["Solid Don't Walk"] * n, "TimeCurbDep_ped_status": ["Walk"] * n,
+            "TimeWaitClean": [""] * n, "TimeCurbDep_sec_next_walk": [0] * n,
+        },
+    )  # fmt: skip
+    assert walks_of(read_site_data(tmp_path)["utah_ped_crossings"]) is None
+
+
 @pytest.mark.full
 def test_laws_of_encounters_come_back_within_their_intervals(tmp_path: Path) -> None:
     encounters(tmp_path, 3000)

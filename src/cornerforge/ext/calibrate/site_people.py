@@ -101,7 +101,9 @@ def walks_of(table: Table) -> Walks | None:
     in_gap = left & (n["timecurbdep_sec_next_walk"] > _EARLY)
     waits = came & ~in_gap & (n["timewaitclean"] > _EARLY)
     apart = kept_apart(owner)
-    if not (apart.any() and (~apart).any() and all(m.any() for m in masks)):
+    busy = came & (vehicles > 0)
+    few = not (in_gap & busy & ~np.isnan(n["timewaitclean"])).any() or not waits.any()
+    if few or not (apart.any() and (~apart).any() and all(m.any() for m in masks)):
         return None
     shares = [0.01, *WALK_SHARES[1:-1], 0.99]
     at = quantiles(speed, np.ones(speed.size), shares)
@@ -116,7 +118,7 @@ def walks_of(table: Table) -> Walks | None:
         tuple(map(float, quantiles(speed[part], np.ones(int(part.sum())), shares[1:-1]))) for part in (apart, ~apart)
     )
     leaves, takes = tuple(share(left[m], signal[m]) for m in masks), share(in_gap[masks[1]], signal[masks[1]])
-    patience = _patience(n["timewaitclean"], in_gap, masks[1], came & (vehicles > 0), signal)
+    patience = _patience(n["timewaitclean"], in_gap, masks[1], busy, signal)
     early = share(left[waits], signal[waits])
     return Walks(speeds, changes, leaves, takes, patience, early, (here, there, int(apart.sum())))
 
@@ -353,11 +355,11 @@ def _named(x: Floats) -> dict[str, float]:
 def fit_encounters(table: Table) -> EncounterFit | None:
     """Fit to_people and gives_way by maximum likelihood, with intervals over signals.
 
-    None if a state has fewer than 30 encounters, or there are fewer than 4 signals.
+    None if a state has fewer than 30 encounters, there are fewer than 4 signals, or no person lets a vehicle go.
     """
     counts, state, time, signal = encounters_of(table)
     groups, total = len(counts), counts.sum(axis=0)
-    if total.sum(axis=(1, 2)).min() < 30 or groups < 4:
+    if total.sum(axis=(1, 2)).min() < 30 or not total[:, 0].any() or groups < 4:
         return None
     x = min((_fitted(total, _BEGIN + shift) for shift in (0.0, 0.3, -0.3)), key=lambda y: -_score(total, y))
     ends = interval_of(lambda w: np.array([*_named(_fitted(np.tensordot(w, counts, 1), x)).values()]), groups)
@@ -380,7 +382,9 @@ def fit_encounters(table: Table) -> EncounterFit | None:
 
 
 def _middle(counts: Floats) -> float:
-    """Median of times that are noted as whole seconds from 1 on, of how often each was: (10,)."""
+    """Median of times that are noted as whole seconds from 1 on, of how often each was: (10,); NaN if none was."""
+    if not counts.any():
+        return float("nan")
     below = np.concatenate([[0.0], np.cumsum(counts)])
     return float(np.interp(0.5 * below[-1], below, np.arange(below.size) + 0.5))
 
